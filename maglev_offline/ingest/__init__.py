@@ -1,0 +1,1 @@
+"""From messages to samples: checks, clock, resampling, state reconstruction, the samples store."""

@@ -1,0 +1,1 @@
+"""MCAP <-> columns: reading, decoding, signal mapping, writing, surrogate logs."""

@@ -1,0 +1,1 @@
+"""The suspension: parameters, nonlinear dynamics, linearisation, disturbances. Knows nothing above it."""
