@@ -1,6 +1,6 @@
 """The suspension as an environment: a batch of independent magnets, and the single one that gymnasium knows."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -29,9 +29,7 @@ class SuspensionBatch:
 
     def _at_rest(self, gap_m: Array) -> State:
         """At rest at `gap_m` with the current of the set-point, as an episode starts."""
-        return State(
-            gap_m.copy(), np.zeros_like(gap_m), np.full_like(gap_m, self.plant.equilibrium().current_a)
-        )
+        return State(gap_m.copy(), np.zeros_like(gap_m), np.full_like(gap_m, self.plant.equilibrium().current_a))
 
     def reset(self, gap_m: Array, where: NDArray[np.bool_] | None = None) -> Array:
         """Start an episode at `gap_m` [n] for the magnets in `where` (default: all); return all observations."""
@@ -64,9 +62,7 @@ class SuspensionBatch:
         for k in range(mdp.plant_steps_per_decision):
             cost += process.stage_cost(mdp, self.deviation(), v)
             force = 0.0 if force_n is None else force_n[k]
-            self.state = step(
-                plant, self.state, u, mdp.plant_step_s, force_n=force, integrator=mdp.integrator
-            )
+            self.state = step(plant, self.state, u, mdp.plant_step_s, force_n=force, integrator=mdp.integrator)
             touched |= process.contact(plant, self.state.gap_m)
         return self.observe(), cost + mdp.contact_penalty * touched, touched
 
@@ -78,7 +74,7 @@ class SuspensionEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     the voltage limit, in [-1, 1]. `info` holds the SI values.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (declared so by gymnasium)
 
     def __init__(self, plant: Plant | None = None, mdp: Mdp | None = None) -> None:
         self.batch = SuspensionBatch(plant or Plant(), mdp or Mdp(), 1)
@@ -99,9 +95,7 @@ class SuspensionEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._decisions = 0
         return self.batch.reset(np.array([gap]))[0].astype(np.float32), self._info()
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Hold the action for one control period; the horizon truncates, contact terminates where asked."""
         mdp = self.batch.mdp
         force = force_noise(self.np_random, (mdp.plant_steps_per_decision, 1), mdp.force_noise_std_n)
@@ -116,7 +110,7 @@ class SuspensionEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 def register() -> None:
     """Make the environment known to gymnasium; called when the package's `env` module is imported."""
     if "maglev_offline/Suspension-v0" not in gymnasium.registry:
-        gymnasium.register("maglev_offline/Suspension-v0", entry_point=SuspensionEnv)
+        gymnasium.register("maglev_offline/Suspension-v0", entry_point="maglev_offline.env:SuspensionEnv")
 
 
 register()

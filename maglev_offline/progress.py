@@ -1,7 +1,7 @@
 """How a stage tells what it is doing, without knowing who listens."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
 
@@ -21,15 +21,8 @@ class Progress(Protocol):
     def warn(self, text: str) -> None:
         """Tell something that the user should look at."""
 
-    def task(self, title: str, total: int, unit: str) -> "TickerContext":
+    def task(self, title: str, total: int, unit: str) -> AbstractContextManager[Ticker]:
         """Open a long task of `total` units."""
-
-
-class TickerContext(Protocol):
-    """The open task; closes its progress bar on leaving."""
-
-    def __enter__(self) -> Ticker: ...
-    def __exit__(self, *exc: object) -> bool | None: ...
 
 
 class Silent:
@@ -41,14 +34,14 @@ class Silent:
     def warn(self, text: str) -> None:
         """Drop the warning."""
 
-    def task(self, title: str, total: int, unit: str) -> TickerContext:  # noqa: ARG002
+    def task(self, title: str, total: int, unit: str) -> AbstractContextManager[Ticker]:  # noqa: ARG002
         """Return a ticker that counts nothing."""
         return _silent_task()
 
 
 @contextmanager
 def _silent_task() -> Iterator[Ticker]:
-    yield lambda done: None
+    yield lambda done: None  # noqa: ARG005
 
 
 SILENT = Silent()

@@ -11,6 +11,4 @@ def stream(seed: int, name: str) -> np.random.Generator:
     Two streams of one seed, or one stream of two seeds, are independent; the same pair always gives the same
     numbers, whatever else is drawn before or beside it.
     """
-    return np.random.Generator(
-        np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()),)))
-    )
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()),))))

@@ -127,9 +127,7 @@ class Workspace:
         home = self.path(kind)
         if not home.is_dir():
             return []
-        return sorted(
-            p for p in home.iterdir() if (p / "manifest.json").is_file() and not p.name.startswith(".")
-        )
+        return sorted(p for p in home.iterdir() if (p / "manifest.json").is_file() and not p.name.startswith("."))
 
     @contextmanager
     def commit(self, folder: Path, manifest: Manifest) -> Iterator[Path]:

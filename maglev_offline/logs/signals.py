@@ -86,9 +86,7 @@ class SignalMap(Settings):
                 to_si_factor(signal.unit, unit)
         for name in self.context:
             if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in COLUMN_OF_SIGNAL.values():
-                raise ValueError(
-                    f"context column {name!r} must be a lower-case name of its own, its unit at its end"
-                )
+                raise ValueError(f"context column {name!r} must be a lower-case name of its own, its unit at its end")
         return self
 
     def signals(self) -> dict[str, Signal]:

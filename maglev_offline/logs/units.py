@@ -26,6 +26,4 @@ def to_si_factor(unit: str, si_unit: str) -> float:
     try:
         return float(registry.Quantity(1.0, unit).to(si_unit).magnitude)
     except Exception:
-        raise ValueError(
-            f"unit {unit!r} cannot be turned into {si_unit!r}: it measures {dimension_of(unit)}"
-        ) from None
+        raise ValueError(f"unit {unit!r} cannot be turned into {si_unit!r}: it measures {dimension_of(unit)}") from None

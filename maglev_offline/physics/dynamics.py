@@ -41,9 +41,7 @@ def derivative(plant: Plant, state: State, voltage_v: Field, force_n: Field = 0.
     slope_over_reach = plant.inductance_slope_h_m / reach
     ratio = state.current_a / reach
     acceleration = (
-        plant.gravity_m_s2
-        - plant.inductance_slope_h_m / (2 * plant.mass_kg) * ratio * ratio
-        + force_n / plant.mass_kg
+        plant.gravity_m_s2 - plant.inductance_slope_h_m / (2 * plant.mass_kg) * ratio * ratio + force_n / plant.mass_kg
     )
     current_rate = (
         voltage_v - plant.resistance_ohm * state.current_a + slope_over_reach * ratio * state.velocity_m_s
