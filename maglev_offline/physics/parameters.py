@@ -75,8 +75,8 @@ class Plant(Settings):
         """The paper's kappa = 4 m g / (mu0 N^2 A) = 2 m g / c, in A^2/m^2 (Sec. II-B)."""
         return 2 * self.mass_kg * self.gravity_m_s2 / self.inductance_slope_h_m
 
-    def equilibrium(self, gap_m: float | None = None) -> Equilibrium:
-        """Return current and voltage that hold the mass at `gap_m` (default: the set-point)."""
+    def equilibrium(self, gap_m: Any = None) -> Equilibrium:
+        """Return current and voltage that hold the mass at `gap_m`, a number or an array (default: the set-point)."""
         gap = self.set_point_m if gap_m is None else gap_m
         current = sqrt(self.kappa) * (gap + self.pole_offset_m)
         return Equilibrium(gap, current, self.resistance_ohm * current)

@@ -1,0 +1,57 @@
+"""The random numbers of training: one named stream for each purpose of each seed, drawn in chunks."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_offline.streams import stream
+
+Array = NDArray[np.float64]
+
+CHUNK = 500
+"""Steps drawn at once; a stream gives the same numbers in any chunk size."""
+
+
+class Draws(NamedTuple):
+    """Numbers for a stretch of steps; the leading axes are [steps, seeds]."""
+
+    start: Array
+    exploration: Array
+    uniform_action: Array
+    batch: Array
+    smoothing: NDArray[np.float32]
+    force: Array | None
+
+
+class DrawStreams:
+    """The generators of a block of seeds. An arm of a study uses the same ones as any other: runs are paired."""
+
+    def __init__(self, seeds: list[int], batch_size: int, plant_steps: int, force_std_n: float) -> None:
+        self._batch_size, self._plant_steps, self._force_std_n = batch_size, plant_steps, force_std_n
+        self._of = {
+            name: [stream(seed, name) for seed in seeds]
+            for name in ("start", "exploration", "uniform action", "batch", "smoothing", "force")
+        }
+
+    def draw(self, steps: int) -> Draws:
+        """Draw the numbers of the next `steps` steps of every seed."""
+
+        def each(name: str, shape: tuple[int, ...], kind: str) -> Array:
+            if kind == "uniform":
+                parts = [rng.random((steps, *shape)) for rng in self._of[name]]
+            else:
+                parts = [rng.standard_normal((steps, *shape)) for rng in self._of[name]]
+            return np.stack(parts, axis=1)
+
+        force = None
+        if self._force_std_n:
+            force = self._force_std_n * each("force", (self._plant_steps,), "normal").swapaxes(1, 2)
+        return Draws(
+            start=each("start", (), "uniform"),
+            exploration=each("exploration", (), "normal"),
+            uniform_action=2 * each("uniform action", (), "uniform") - 1,
+            batch=each("batch", (self._batch_size,), "uniform"),
+            smoothing=each("smoothing", (self._batch_size,), "normal").astype(np.float32),
+            force=force,
+        )

@@ -1,0 +1,70 @@
+"""The `[training]` and `[evaluation]` tables of a recipe."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from maglev_offline.settings import Settings
+
+Algorithm = Literal["ddpg", "td3"]
+
+
+class TrainingSettings(Settings):
+    """How an agent learns. One step is one decision, one row in the buffer and, after the exploratory steps, one
+    gradient step. Standard deviations are in actions scaled to [-1, 1]. What the paper gives is in changsha.toml.
+
+    `block`: seeds that are stepped together; a lone seed is padded to a whole block, so that its numbers do not
+    depend on its company.
+    """
+
+    algorithms: tuple[Algorithm, ...] = ("ddpg", "td3")
+    seeds: int = Field(default=8, ge=1)
+    first_seed: int = Field(default=0, ge=0)
+    block: int = Field(default=8, ge=1)
+    steps: int = Field(default=20_000, ge=1)
+    exploratory_steps: int = Field(default=1_000, ge=0)
+    exploratory_hold_ms: float = Field(default=10.0, gt=0)
+    hidden: tuple[int, int] = (40, 40)
+    batch_norm_actor: bool = False
+    actor_last_layer_scale: float = Field(default=0.05, gt=0)
+    batch_size: int = Field(default=100, ge=1)
+    buffer_capacity: int = Field(default=1_000_000, ge=2)
+    actor_learning_rate: float = Field(default=5e-4, gt=0)
+    critic_learning_rate: float = Field(default=1e-3, gt=0)
+    final_learning_rate_fraction: float = Field(default=0.05, gt=0, le=1)
+    target_rate: float = Field(default=0.005, gt=0, le=1)
+    exploration_std: float = Field(default=0.2, ge=0)
+    smoothing_std: float = Field(default=0.1, ge=0)
+    smoothing_clip: float = Field(default=0.5, ge=0)
+    policy_delay: int = Field(default=2, ge=1)
+
+    @model_validator(mode="after")
+    def _explores_within_steps(self) -> "TrainingSettings":
+        if self.exploratory_steps >= self.steps:
+            raise ValueError(
+                f"exploratory_steps = {self.exploratory_steps} leaves no gradient step in steps = {self.steps}"
+            )
+        return self
+
+    @property
+    def seed_list(self) -> list[int]:
+        """The seeds of the study."""
+        return list(range(self.first_seed, self.first_seed + self.seeds))
+
+
+class EvaluationSettings(Settings):
+    """How a policy is judged: fixed starts, at rest, no exploration noise, no disturbance.
+
+    `selection_gaps_m` are other starts, on which alone the best checkpoint is chosen.
+    """
+
+    every_steps: int = Field(default=1_000, ge=1)
+    start_gaps_m: tuple[float, ...] = (0.004, 0.005, 0.006, 0.007, 0.009, 0.0105, 0.012, 0.0135, 0.015, 0.0155)
+    selection_gaps_m: tuple[float, ...] = (0.0045, 0.0065, 0.0085, 0.0095, 0.0115, 0.0125, 0.0145)
+    reference_start_gap_m: float = 0.015
+
+    @model_validator(mode="after")
+    def _reference_is_a_start(self) -> "EvaluationSettings":
+        if self.reference_start_gap_m not in self.start_gaps_m:
+            raise ValueError("reference_start_gap_m must be one of start_gaps_m")
+        return self

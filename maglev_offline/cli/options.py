@@ -1,0 +1,58 @@
+"""Options that every command shares, and the session that they open."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from maglev_offline.console import Talk
+    from maglev_offline.recipe import Recipe
+    from maglev_offline.workspace import Workspace
+
+RecipeOption = Annotated[
+    Path | None,
+    typer.Option("--recipe", "-r", help="Recipe (TOML). Default: the one the workspace was last given."),
+]
+WorkspaceOption = Annotated[
+    Path,
+    typer.Option("--workspace", "-w", help="Folder of the artefacts.", envvar="MAGLEV_OFFLINE_WORKSPACE"),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document, for scripts.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no remarks.")]
+JobsOption = Annotated[
+    int | None, typer.Option("--jobs", "-j", min=1, help="Processes; the bytes are the same. [default: all cores]")
+]
+
+HERE = Path("workspace")
+"""The default workspace."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """What a command works with."""
+
+    recipe: "Recipe"
+    workspace: "Workspace"
+    talk: "Talk"
+
+
+def open_session(recipe: Path | None, workspace: Path, as_json: bool, quiet: bool) -> Session:
+    """Load the recipe that is given, or the one that the workspace remembers, or the defaults."""
+    from maglev_offline.console import Talk
+    from maglev_offline.recipe import Recipe, load_recipe, recall
+    from maglev_offline.workspace import Workspace
+
+    found = load_recipe(recipe) if recipe is not None else recall(workspace) or Recipe()
+    talk = Talk(as_json=as_json, quiet=quiet)
+    if recipe is None and found.name != "defaults":
+        talk.say(f"recipe: {found.name} (remembered by {workspace})")
+    return Session(found, Workspace(workspace), talk)
+
+
+def cores(jobs: int | None) -> int:
+    """The number of processes to use."""
+    import os
+
+    return jobs or len(os.sched_getaffinity(0))

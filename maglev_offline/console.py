@@ -1,0 +1,112 @@
+"""What a person or a script sees: lines, progress bars on a terminal, JSON where it was asked for."""
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, TextIO
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from maglev_offline.errors import MaglevOfflineError
+from maglev_offline.progress import Ticker
+
+SECONDS_BETWEEN_LINES = 10.0
+"""How often a long task speaks where there is no terminal."""
+
+PLAIN_WIDTH = 120
+"""Width of tables where there is no terminal."""
+
+
+def _console(file: TextIO) -> Console:
+    return Console(file=file, highlight=False, soft_wrap=True, width=None if file.isatty() else PLAIN_WIDTH)
+
+
+class Talk:
+    """The voice of the command line; also the `Progress` that the stages speak to.
+
+    Results go to standard output; progress, remarks and errors go to standard error. `as_json`: standard output holds
+    one JSON document and nothing else. `quiet`: no remarks, no progress. Without a terminal, a long task says a plain
+    line now and then.
+    """
+
+    def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
+        self.as_json, self.quiet = as_json, quiet
+        self._out = _console(sys.stdout)
+        self._err = _console(sys.stderr)
+
+    def say(self, text: str) -> None:
+        """Tell a fact that is not the result."""
+        if not self.quiet:
+            self._err.print(escape(text))
+
+    def warn(self, text: str) -> None:
+        """Tell something that the user should look at; a quiet run tells it too."""
+        self._err.print(f"[yellow]warning:[/] {escape(text)}")
+
+    def fail(self, error: MaglevOfflineError) -> None:
+        """Tell an error as a paragraph; in JSON, as an object too."""
+        self._err.print(f"[bold red]error:[/] {escape(error.paragraph())}")
+
+    def result(self, data: Mapping[str, Any], *lines: str) -> None:
+        """Give the result of a command: `data` to scripts, `lines` to people."""
+        if self.as_json:
+            self._out.file.write(json.dumps(data, indent=2, allow_nan=False) + "\n")
+        self.lines(*lines)
+
+    def lines(self, *lines: str) -> None:
+        """Show lines of a result to people only."""
+        if not self.as_json:
+            for line in lines:
+                self._out.print(escape(line))
+
+    def table(self, title: str, columns: list[str], rows: list[list[str]]) -> None:
+        """Show a table to people; numbers are right-aligned. Scripts get theirs from `result`."""
+        if self.as_json or not rows:
+            return
+        view = Table(title=title, title_justify="left", box=None, pad_edge=False)
+        for number, name in enumerate(columns):
+            view.add_column(name, justify="left" if number == 0 else "right", no_wrap=number == 0)
+        for row in rows:
+            view.add_row(*(escape(cell) for cell in row))
+        self._out.print(view)
+
+    def task(self, title: str, total: int, unit: str) -> AbstractContextManager[Ticker]:
+        """Show the way of a long task: a bar on a terminal, else a plain line now and then."""
+        if self.quiet:
+            return _mute()
+        return _bar(self._err, title, total, unit) if self._err.is_terminal else self._lines(title, total, unit)
+
+    @contextmanager
+    def _lines(self, title: str, total: int, unit: str) -> Iterator[Ticker]:
+        done, last = 0, time.monotonic()
+
+        def tick(more: int) -> None:
+            nonlocal done, last
+            done += more
+            if time.monotonic() - last >= SECONDS_BETWEEN_LINES:
+                last = time.monotonic()
+                self.say(f"{title}: {done:,} of {total:,} {unit} ({done / total:.0%})")
+
+        yield tick
+
+
+@contextmanager
+def _mute() -> Iterator[Ticker]:
+    yield lambda done: None  # noqa: ARG005
+
+
+@contextmanager
+def _bar(console: Console, title: str, total: int, unit: str) -> Iterator[Ticker]:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(unit))
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
+        bar = progress.add_task(title, total=total)
+
+        def tick(done: int) -> None:
+            progress.advance(bar, done)
+
+        yield tick

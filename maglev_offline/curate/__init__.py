@@ -1,0 +1,1 @@
+"""From samples to transitions: construction, one-step cost, coverage, balance."""

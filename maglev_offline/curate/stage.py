@@ -1,0 +1,123 @@
+"""The stage: samples in the workspace -> the curated transitions, with a report of what balance changed."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from maglev_offline.curate.balance import (
+    balanced_choice,
+    cells_of,
+    effective_sample_size,
+    importance_weights,
+    occupancy,
+)
+from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.curate.transitions import STATE, transitions_of, unusable
+from maglev_offline.errors import ArtefactError
+from maglev_offline.ingest.store import load_samples
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
+from maglev_offline.progress import SILENT, Progress
+from maglev_offline.streams import stream
+from maglev_offline.tables import write_parquet
+from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
+
+
+def curate(
+    workspace: Workspace, settings: CurateSettings, plant: Plant, mdp: Mdp, *, progress: Progress = SILENT
+) -> tuple[Path, bool]:
+    """Make the `transitions` artefact from all samples; return its folder and whether anything was done.
+
+    The folder holds `transitions.parquet` (the curated set) and `candidates.parquet` (every usable transition, with
+    its cell), so that nothing that balance left out is lost.
+
+    Raises
+    ------
+    ArtefactError: there are no samples, or no usable transition in them.
+    """
+    folders = workspace.list("samples")
+    if not folders:
+        raise ArtefactError(
+            "there are no samples in the workspace.",
+            where=str(workspace.root),
+            todo="Run `maglev-offline ingest LOGS...` first.",
+        )
+    inputs = {f"samples/{folder.name}": input_hash(folder) for folder in folders}
+    home = workspace.path("transitions")
+    mark = fingerprint("curate", inputs, settings, plant, mdp)
+    if workspace.is_current(home, mark):
+        return home, False
+
+    table = transitions_of(load_samples(folders), plant, mdp)
+    reason = unusable(table, mdp)
+    candidates = table[reason == ""].reset_index(drop=True)
+    if candidates.empty:
+        raise ArtefactError(
+            f"no usable transition in {len(table)} pairs of samples ({_listing(reason)}).",
+            where=str(workspace.path("samples")),
+            todo="Check the units in [signals], and mdp.voltage_limit_v against the logged voltage.",
+        )
+    candidates["split"] = _split(candidates["log_id"], settings)
+    candidates["cell"] = _cells(candidates, settings)
+    chosen = balanced_choice(
+        candidates["cell"].to_numpy(), settings.target_rows, stream(settings.seed, "curate: balance")
+    )
+    curated = candidates.iloc[chosen].reset_index(drop=True)
+    curated["weight"] = importance_weights(candidates["cell"].to_numpy(), chosen)
+    if len(candidates) <= settings.target_rows:
+        progress.warn(
+            f"only {len(candidates)} usable transitions for curate.target_rows = {settings.target_rows}: "
+            "all are kept, nothing is balanced."
+        )
+
+    manifest = Manifest("transitions", mark, inputs)
+    manifest.settings = {
+        "curate": settings.model_dump(mode="json"),
+        "plant": plant.model_dump(mode="json"),
+        "mdp": mdp.model_dump(mode="json"),
+    }
+    manifest.counts = {"pairs": len(table), "candidates": len(candidates), "transitions": len(curated)}
+    manifest.left_out = {
+        **{str(code): int(n) for code, n in reason[reason != ""].value_counts().sort_index().items()},
+        "not_selected_by_balance": len(candidates) - len(curated),
+    }
+    manifest.facts = coverage_facts(candidates, curated, settings)
+    with workspace.commit(home, manifest) as draft:
+        for name, part in (("transitions", curated), ("candidates", candidates)):
+            write_parquet(part, draft / f"{name}.parquet")
+    return home, True
+
+
+def _listing(reason: pd.Series) -> str:
+    return ", ".join(f"{code}: {n}" for code, n in reason[reason != ""].value_counts().items())
+
+
+def _cells(table: pd.DataFrame, settings: CurateSettings) -> np.ndarray:
+    bins = (settings.bins_gap, settings.bins_velocity, settings.bins_current, settings.bins_voltage)
+    return cells_of(table[[*STATE, "voltage_deviation_v"]].to_numpy(), bins, settings.edge_quantile)
+
+
+def _split(log_id: pd.Series, settings: CurateSettings) -> np.ndarray:
+    """`validation` for a share of the logs, chosen by the seed; neighbouring rows never come apart."""
+    logs = np.sort(log_id.unique())
+    held_out = stream(settings.seed, "curate: split").permutation(logs)[: int(settings.validation_share * len(logs))]
+    return np.where(log_id.isin(held_out), "validation", "train")
+
+
+def coverage_facts(candidates: pd.DataFrame, curated: pd.DataFrame, settings: CurateSettings) -> dict[str, object]:
+    """What balance changed: occupancy before and after, effective sample size, low-cost rows kept."""
+    low = float(candidates["cost"].quantile(settings.low_cost_quantile))
+    low_before = int((candidates["cost"] <= low).sum())
+    low_after = int((curated["cost"] <= low).sum())
+    return {
+        "occupancy_before": occupancy(candidates["cell"].to_numpy())._asdict(),
+        "occupancy_after": occupancy(curated["cell"].to_numpy())._asdict(),
+        "effective_sample_size": effective_sample_size(curated["weight"].to_numpy()),
+        "low_cost_threshold": low,
+        "low_cost_rows_before": low_before,
+        "low_cost_rows_after": low_after,
+        "low_cost_share_kept": low_after / low_before,
+        "mean_cost_before": float(candidates["cost"].mean()),
+        "mean_cost_after": float(curated["cost"].mean()),
+    }

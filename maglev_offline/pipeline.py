@@ -1,0 +1,335 @@
+"""The stages joined: what each command of the command line does, and what it has to tell afterwards."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from maglev_offline.agents.settings import Algorithm
+from maglev_offline.agents.stage import Arm, load_curves, train_arms
+from maglev_offline.control.stage import run_control
+from maglev_offline.curate.stage import curate as run_curate
+from maglev_offline.errors import ArtefactError, InputError
+from maglev_offline.ingest.store import LogOutcome, ingest_logs
+from maglev_offline.progress import Progress
+from maglev_offline.recipe import Recipe, remember
+from maglev_offline.replay.prefill import make_prefill
+from maglev_offline.workspace import Manifest, Workspace
+
+LOG_COLUMNS = ("log", "status", "messages", "used", "quarantined", "samples", "segments")
+_LOG_COUNTS = ("messages", "messages_used", "messages_quarantined", "rows", "segments")
+
+
+@dataclass
+class Done:
+    """What a stage has to tell: an artefact, its numbers for scripts, a sentence and a table for people."""
+
+    stage: str
+    artefact: Path
+    fresh: bool
+    sentence: str
+    data: dict[str, Any] = field(default_factory=dict)
+    title: str = ""
+    columns: tuple[str, ...] = ()
+    rows: list[list[str]] = field(default_factory=list)
+
+    def plain(self) -> dict[str, Any]:
+        """For scripts."""
+        status = "done" if self.fresh else "unchanged"
+        return {"stage": self.stage, "status": status, "artefact": str(self.artefact), **self.data}
+
+    def lines(self) -> list[str]:
+        """For people."""
+        note = "" if self.fresh else " (unchanged inputs and recipe: nothing was done)"
+        return [f"{self.stage}: {self.sentence}{note}", f"  -> {self.artefact}"]
+
+
+@dataclass
+class Ingested:
+    """What `ingest` has to tell: one outcome for each log, and what `curate` made of all of them."""
+
+    logs: list[LogOutcome]
+    transitions: Done | None
+
+    @property
+    def refused(self) -> list[LogOutcome]:
+        """The logs that could not be used."""
+        return [log for log in self.logs if log.status == "refused"]
+
+    def rows(self) -> list[list[str]]:
+        """One row of `LOG_COLUMNS` for each log."""
+        return [
+            [log.path.name, log.status, *(f"{log.counts[key]:,}" if key in log.counts else "-" for key in _LOG_COUNTS)]
+            for log in self.logs
+        ]
+
+    def plain(self) -> dict[str, Any]:
+        """For scripts."""
+        return {
+            "stage": "ingest",
+            "status": "refused" if self.refused else "done",
+            "logs": [
+                {
+                    "file": str(log.path),
+                    "log_id": log.log_id,
+                    "status": log.status,
+                    "counts": log.counts,
+                    "left_out": log.left_out,
+                    "message": log.message,
+                    "artefact": None if log.folder is None else str(log.folder),
+                }
+                for log in self.logs
+            ],
+            "transitions": self.transitions.plain() if self.transitions else None,
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        return [] if self.transitions is None else self.transitions.lines()
+
+
+def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
+    """The algorithms that were asked for, or those of the recipe.
+
+    Raises
+    ------
+    InputError: an algorithm that is not known, or none at all.
+    """
+    if asked is None:
+        if not recipe.training.algorithms:
+            raise InputError("the recipe trains no algorithm.", where="[training] algorithms", todo="Give --algo.")
+        return recipe.training.algorithms
+    if asked == "ddpg":
+        return ("ddpg",)
+    if asked == "td3":
+        return ("td3",)
+    raise InputError(f"there is no algorithm {asked!r}.", where="--algo", todo="Give ddpg or td3.")
+
+
+def ingest(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress) -> Ingested:
+    """Ingest logs, then curate the transitions of all logs in the workspace."""
+    remember(workspace.root, recipe)
+    result = ingest_logs(
+        logs,
+        workspace,
+        signals=recipe.signals,
+        settings=recipe.ingest,
+        plant=recipe.plant,
+        jobs=jobs,
+        progress=progress,
+    )
+    curated = curate(recipe, workspace, progress) if workspace.list("samples") else None
+    return Ingested(list(result.logs), curated)
+
+
+def curate(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
+    """Curate transitions from the samples in the workspace."""
+    remember(workspace.root, recipe)
+    folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, progress=progress)
+    manifest = Manifest.read(folder)
+    before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
+    return Done(
+        "curate",
+        folder,
+        fresh,
+        f"{manifest.counts['transitions']:,} transitions of {manifest.counts['candidates']:,} usable ones; "
+        f"effective cells {before['effective_cells']:.0f} -> {after['effective_cells']:.0f} "
+        f"of {before['occupied_cells']} occupied, "
+        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept",
+        {"counts": manifest.counts, "left_out": manifest.left_out, "coverage": manifest.facts},
+    )
+
+
+def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
+    """Make the prefill of one algorithm."""
+    folder, fresh = make_prefill(workspace, algorithm, recipe.prefill, recipe.plant, recipe.mdp)
+    manifest = Manifest.read(folder)
+    return Done(
+        "prefill",
+        folder,
+        fresh,
+        f"{manifest.counts['rows']:,} rows for {algorithm}, actions up to {manifest.facts['largest_action']:.2f} "
+        f"of the voltage limit, mean cost {manifest.facts['mean_cost']:.3g}",
+        {"algorithm": algorithm, "rows": manifest.counts["rows"], "left_out": manifest.left_out},
+    )
+
+
+def control(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
+    """Try the classical controllers."""
+    folder = run_control(workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control, progress=progress)
+    manifest = Manifest.read(folder)
+    table = pd.read_parquet(folder / "metrics.parquet")
+    start = recipe.control.reference_start_gap_m
+    table = table[np.isclose(table["start_gap_m"], start)]
+    rows = [
+        [
+            f"{row['controller']}, {row['plant_kind']}",
+            _seconds(row["settling_time_s"]),
+            f"{row['overshoot']:.1%}",
+            f"{row['steady_state_bias_m'] * 1e3:+.3f}",
+            f"{row['peak_voltage_v']:.0f}",
+            f"{row['cost']:.1f}",
+        ]
+        for row in table.to_dict("records")
+    ]
+    poles = ", ".join(f"{real:+.3f}{imag:+.3f}j" for real, imag in manifest.facts["poles_rad_s"])
+    return Done(
+        "control",
+        folder,
+        bool(before) or True,
+        f"open-loop poles {poles} rad/s; u_eq {manifest.facts['equilibrium']['voltage_v']:.2f} V",
+        {"facts": manifest.facts},
+        f"Regulation from {start * 1e3:g} mm to {recipe.plant.set_point_m * 1e3:g} mm",
+        ("controller", "settles (s)", "overshoot", "bias (mm)", "peak (V)", "cost"),
+        rows,
+    )
+
+
+def _seconds(value: float) -> str:
+    return "never" if np.isnan(value) else f"{value:.3f}"
+
+
+def train(recipe: Recipe, workspace: Workspace, asked: str | None, arm: str, jobs: int, progress: Progress) -> Done:
+    """Train one arm of the algorithms that were asked for.
+
+    Raises
+    ------
+    InputError: an arm that is not known.
+    """
+    if arm not in ("empty", "prefill"):
+        raise InputError(f"there is no arm {arm!r}.", where="--arm", todo="Give empty or prefill.")
+    arms = []
+    for algorithm in algorithms(recipe, asked):
+        folder = None
+        if arm == "prefill":
+            folder, _ = make_prefill(workspace, algorithm, recipe.prefill, recipe.plant, recipe.mdp)
+        arms.append(Arm(algorithm, arm, folder))
+    folders, trained = train_arms(workspace, arms, recipe.world, jobs=jobs, progress=progress)
+    curves = load_curves([folder for group in folders.values() for folder in group])
+    last = curves[curves["env_step"] == recipe.training.steps]
+    rows = [_arm_row(name, group) for name, group in last.groupby(["algorithm", "arm"], sort=False)]
+    return Done(
+        "train",
+        workspace.path("training"),
+        trained > 0,
+        f"{len(last)} runs of {recipe.training.steps:,} steps",
+        {"arms": {arm.title: [str(folder) for folder in group] for arm, group in folders.items()}},
+        "Last policies, median over seeds",
+        ("arm", "seeds", "cost", "worst bias (mm)", "within 0.5 mm", "settles (s)", "seeds that settle"),
+        rows,
+    )
+
+
+def _arm_row(name: Any, group: pd.DataFrame) -> list[str]:
+    settled = group["settling_time_s"].dropna()
+    return [
+        "-".join(name),
+        str(len(group)),
+        f"{group['cost'].median():.1f}",
+        f"{group['worst_bias_m'].median() * 1e3:.2f}",
+        f"{(group['worst_bias_m'] <= 0.5e-3).sum()}",
+        f"{settled.median():.3f}" if len(settled) else "never",
+        str(len(settled)),
+    ]
+
+
+def transfer(recipe: Recipe, workspace: Workspace, jobs: int, progress: Progress) -> Done:
+    """Compare the arms, training those that are missing."""
+    from maglev_offline.transfer.stage import run_transfer
+
+    algorithms(recipe, None)
+    folder, fresh = run_transfer(
+        workspace, recipe.world, recipe.transfer, recipe.prefill, recipe.control, jobs=jobs, progress=progress
+    )
+    manifest = Manifest.read(folder)
+    rows, words = [], []
+    for algorithm, found in manifest.facts["algorithms"].items():
+        for arm, effects in found["effects"].items():
+            for metric, effect in effects.items():
+                rows.append(_effect_row(algorithm, arm, metric, effect))
+            words.append(f"{algorithm} {effects['area']['verdict']}")
+    return Done(
+        "transfer",
+        folder,
+        fresh,
+        f"prefill against an empty buffer, by the area under the curve: {', '.join(words)}",
+        {"verdict": manifest.facts},
+        "Empty minus prefill (costs; a positive difference means that prefill helps)",
+        ("metric", "empty", "prefill", "difference", "95 % interval", "verdict"),
+        rows,
+    )
+
+
+def _effect_row(algorithm: str, arm: str, metric: str, effect: dict[str, Any]) -> list[str]:
+    low, high = effect["low"], effect["high"]
+    return [
+        f"{algorithm}: {metric.replace('_', ' ')}",
+        f"{effect['baseline_mean']:.4g}",
+        f"{effect['arm_mean']:.4g}",
+        f"{effect['difference']:+.4g}",
+        "-" if low is None else f"{low:+.4g} to {high:+.4g}",
+        effect["verdict"] if arm == "prefill" else f"{arm}: {effect['verdict']}",
+    ]
+
+
+def report(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
+    """Write the page."""
+    from maglev_offline.report.stage import build_report
+
+    page, fresh = build_report(workspace, recipe.report, recipe.plain(), recipe.name, progress=progress)
+    return Done("report", page, fresh, f"{page.stat().st_size / 1e6:.2f} MB, one file, opens without a network")
+
+
+@dataclass
+class Run:
+    """What the whole road has to tell."""
+
+    ingested: Ingested
+    stages: list[Done]
+
+    @property
+    def refused(self) -> list[LogOutcome]:
+        """The logs that could not be used."""
+        return self.ingested.refused
+
+    def plain(self) -> dict[str, Any]:
+        """For scripts."""
+        return {
+            "stage": "run",
+            "status": "refused" if self.refused else "done",
+            "ingest": self.ingested.plain(),
+            "stages": [done.plain() for done in self.stages],
+            "report": str(self.stages[-1].artefact),
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        return ["", f"The report: {self.stages[-1].artefact}"]
+
+
+def run(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress) -> Run:
+    """Go the whole road. A recipe without algorithms ends at the classical controllers, and reports that.
+
+    Raises
+    ------
+    ArtefactError: no log could be used, so there is nothing to go on with.
+    """
+    ingested = ingest(recipe, workspace, logs, jobs, progress)
+    if ingested.transitions is None:
+        raise ArtefactError("none of the logs could be used.", where=str(workspace.root), todo="See the errors above.")
+    stages = [ingested.transitions]
+
+    def done(one: Done) -> None:
+        stages.append(one)
+        progress.say("\n".join(one.lines()))
+
+    progress.say("\n".join(ingested.lines()))
+    done(control(recipe, workspace, progress))
+    if recipe.training.algorithms:
+        for algorithm in recipe.training.algorithms:
+            done(prefill(recipe, workspace, algorithm))
+        done(transfer(recipe, workspace, jobs, progress))
+    done(report(recipe, workspace, progress))
+    return Run(ingested, stages)

@@ -1,0 +1,131 @@
+"""The recipe: every number that a run depends on, in one TOML file whose tables belong to the stages."""
+
+import difflib
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, Field, ValidationError
+
+from maglev_offline.agents.settings import EvaluationSettings, TrainingSettings
+from maglev_offline.agents.stage import World
+from maglev_offline.control.settings import ControlSettings
+from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.errors import RecipeError
+from maglev_offline.ingest.settings import IngestSettings
+from maglev_offline.logs.signals import SignalMap
+from maglev_offline.logs.surrogate_settings import SurrogateSettings
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
+from maglev_offline.replay.settings import PrefillSettings
+from maglev_offline.report.settings import ReportSettings
+from maglev_offline.settings import Settings
+from maglev_offline.transfer.settings import TransferSettings
+
+
+class Recipe(Settings):
+    """One table for each stage; a table that is not given takes the defaults of the stage.
+
+    `logs`: what `maglev-offline run` ingests, as paths or patterns relative to the recipe's own folder. `signals`:
+    where it is not given, signals are found by the names and units that surrogate logs use.
+    """
+
+    name: str = "defaults"
+    description: str = ""
+    logs: tuple[str, ...] = ()
+    plant: Plant = Field(default_factory=Plant)
+    mdp: Mdp = Field(default_factory=Mdp)
+    signals: SignalMap | None = None
+    ingest: IngestSettings = Field(default_factory=IngestSettings)
+    curate: CurateSettings = Field(default_factory=CurateSettings)
+    prefill: PrefillSettings = Field(default_factory=PrefillSettings)
+    training: TrainingSettings = Field(default_factory=TrainingSettings)
+    evaluation: EvaluationSettings = Field(default_factory=EvaluationSettings)
+    transfer: TransferSettings = Field(default_factory=TransferSettings)
+    control: ControlSettings = Field(default_factory=ControlSettings)
+    surrogate: SurrogateSettings = Field(default_factory=SurrogateSettings)
+    report: ReportSettings = Field(default_factory=ReportSettings)
+
+    @property
+    def world(self) -> World:
+        """The tables that training depends on."""
+        return World(self.plant, self.mdp, self.training, self.evaluation)
+
+    def plain(self) -> dict[str, Any]:
+        """The resolved recipe as JSON-able tables, defaults filled in."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+
+def load_recipe(path: Path) -> Recipe:
+    """Read a recipe.
+
+    Raises
+    ------
+    RecipeError: there is no such file, it is no TOML, or a table holds an unknown key or a value that cannot be. All
+        mistakes are listed at once, each with its table and key.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, IsADirectoryError):
+        raise RecipeError("there is no such recipe.", where=str(path), todo="Give the path of a TOML file.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RecipeError(f"this is no valid TOML: {error}.", where=str(path), todo="Correct the line.") from None
+    return parse_recipe(data, str(path))
+
+
+def parse_recipe(data: dict[str, Any], where: str) -> Recipe:
+    """Turn the tables of a recipe into a `Recipe`; `where` names the file in errors."""
+    try:
+        return Recipe.model_validate(data)
+    except ValidationError as error:
+        mistakes = [_mistake(detail) for detail in error.errors()]
+        raise RecipeError("; ".join(mistakes) + ".", where=where, todo="Correct the recipe; nothing was run.") from None
+
+
+def _mistake(detail: Any) -> str:
+    """Say one validation error in the recipe's own words: `[table] key: what is wrong`."""
+    path = [str(part) for part in detail["loc"]]
+    place = f"[{'.'.join(path[:-1])}] {path[-1]}" if len(path) > 1 else (path[0] if path else "the recipe")
+    if detail["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(path[-1], _keys_of(path[:-1]), n=1, cutoff=0.5)
+        return f"{place}: unknown key" + (f" (did you mean `{near[0]}`?)" if near else "")
+    if detail["type"] == "missing":
+        return f"{place}: is needed and not there"
+    text = str(detail["msg"]).removeprefix("Value error, ")
+    given = detail["input"]
+    if isinstance(given, str | int | float | bool) and "model" not in detail["type"]:
+        text = f"{text} (given: {given!r})"
+    return f"{place}: {text[0].lower() + text[1:]}"
+
+
+def _keys_of(path: list[str]) -> list[str]:
+    """The keys that the table at `path` knows."""
+    table: Any = Recipe
+    for part in path:
+        fields = table.model_fields if isinstance(table, type) and issubclass(table, BaseModel) else {}
+        if part not in fields:
+            return []
+        kinds = [fields[part].annotation, *getattr(fields[part].annotation, "__args__", ())]
+        table = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
+    return list(table.model_fields) if table is not None else []
+
+
+def remember(root: Path, recipe: Recipe) -> None:
+    """Keep the recipe in the workspace, so that the commands that follow need not be told again."""
+    root.mkdir(parents=True, exist_ok=True)
+    draft = root / ".recipe.json.draft"
+    draft.write_text(json.dumps(recipe.plain(), indent=2, sort_keys=True) + "\n")
+    draft.replace(root / "recipe.json")
+
+
+def recall(root: Path) -> Recipe | None:
+    """The recipe that the workspace was last given, if any."""
+    path = root / "recipe.json"
+    if not path.is_file():
+        return None
+    try:
+        data = json.loads(path.read_text())
+    except ValueError:
+        raise RecipeError("it cannot be read.", where=str(path), todo="Give --recipe once more.") from None
+    return parse_recipe(data, str(path))

@@ -1,0 +1,132 @@
+"""The prefill: curated transitions, scaled as the agent will see its own, in slot order."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from safetensors.numpy import load_file, save_file
+
+from maglev_offline import mdp as process
+from maglev_offline.curate.transitions import NEXT_STATE, STATE
+from maglev_offline.errors import ArtefactError, InputError
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
+from maglev_offline.replay.settings import PrefillSettings
+from maglev_offline.streams import stream
+from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
+
+Columns = dict[str, NDArray[Any]]
+
+FIELDS = ("observation", "action", "cost", "next_observation", "discount")
+
+
+def scaled(transitions: pd.DataFrame, mdp: Mdp) -> Columns:
+    """Scale transitions to what DDPG and TD3 store.
+
+    Returns `observation` and `next_observation` [n, 3] over the state scales, `action` [n] in [-1, 1], `cost` [n],
+    `discount` [n] (gamma, or 0 where the process ends), `terminated` and `truncated` [n], float32 and bool.
+
+    Raises
+    ------
+    InputError: a value is not finite, or an action lies outside [-1, 1].
+    """
+    act = process.action(mdp, transitions["voltage_deviation_v"].to_numpy())
+    terminated = transitions["terminated"].to_numpy(dtype=bool)
+    columns: Columns = {
+        "observation": process.observation(mdp, transitions[list(STATE)].to_numpy()),
+        "action": act,
+        "cost": transitions["cost"].to_numpy(),
+        "next_observation": process.observation(mdp, transitions[list(NEXT_STATE)].to_numpy()),
+        "discount": mdp.discount * ~terminated,
+    }
+    for name, column in columns.items():
+        if not np.isfinite(column.astype(float)).all():
+            raise InputError(f"the column {name} holds values that are not finite.", where="prefill")
+    if np.abs(act).max(initial=0) > 1:
+        raise InputError(
+            f"actions reach {np.abs(act).max():.3g} times the voltage limit of {mdp.voltage_limit_v:g} V.",
+            where="prefill",
+            todo="Raise mdp.voltage_limit_v, or curate again with this recipe.",
+        )
+    columns = {name: column.astype(np.float32) for name, column in columns.items()}
+    columns["terminated"] = terminated
+    columns["truncated"] = transitions["truncated"].to_numpy(dtype=bool)
+    return columns
+
+
+def make_prefill(
+    workspace: Workspace, algorithm: str, settings: PrefillSettings, plant: Plant, mdp: Mdp
+) -> tuple[Path, bool]:
+    """Make the artefact `prefill/<algorithm>` from the curated transitions; return its folder and whether it is new.
+
+    Raises
+    ------
+    ArtefactError: there are no curated transitions, or they were made with another plant or decision process.
+    """
+    source = workspace.path("transitions")
+    if not (source / "manifest.json").is_file():
+        raise ArtefactError(
+            "there are no curated transitions in the workspace.",
+            where=str(workspace.root),
+            todo="Run `maglev-offline ingest LOGS...` first.",
+        )
+    made = Manifest.read(source)
+    if made.settings["plant"] != plant.model_dump(mode="json") or made.settings["mdp"] != mdp.model_dump(mode="json"):
+        raise ArtefactError(
+            "the transitions were curated with another [plant] or [mdp] than this recipe has.",
+            where=str(source),
+            todo="Run `maglev-offline curate` with this recipe, then prefill again.",
+        )
+    inputs = {"transitions": input_hash(source)}
+    home = workspace.path("prefill", algorithm)
+    mark = fingerprint("prefill", inputs, settings, mdp, algorithm=algorithm)
+    if workspace.is_current(home, mark):
+        return home, False
+
+    table = pd.read_parquet(source / "transitions.parquet")
+    slots = np.flatnonzero(table["split"].to_numpy() == "train")
+    held_out = len(table) - len(slots)
+    if settings.rows is not None and settings.rows < len(slots):
+        slots = np.sort(stream(settings.seed, "prefill: rows").choice(slots, settings.rows, replace=False))
+    columns = scaled(table.iloc[slots], mdp)
+    columns["transition_row"] = slots.astype(np.int64)
+
+    manifest = Manifest(f"prefill/{algorithm}", mark, inputs)
+    manifest.settings = {"prefill": settings.model_dump(mode="json"), "mdp": mdp.model_dump(mode="json")}
+    manifest.counts = {"transitions": len(table), "rows": len(slots)}
+    manifest.left_out = {"held_out_for_validation": held_out, "over_prefill_rows": len(table) - held_out - len(slots)}
+    manifest.facts = {
+        "algorithm": algorithm,
+        "mean_cost": float(columns["cost"].astype(float).mean()),
+        "largest_action": float(np.abs(columns["action"]).max()),
+    }
+    with workspace.commit(home, manifest) as draft:
+        save_file(columns, draft / "prefill.safetensors")
+    return home, True
+
+
+def load_prefill(folder: Path) -> Columns:
+    """Read the columns of a prefill artefact, in slot order.
+
+    Raises
+    ------
+    ArtefactError: there is no prefill in `folder`.
+    """
+    path = folder / "prefill.safetensors"
+    if not path.is_file():
+        raise ArtefactError(
+            "there is no prefill.",
+            where=str(folder),
+            todo=f"Run `maglev-offline prefill --algo {folder.name}` first.",
+        )
+    columns: Columns = load_file(path)
+    return columns
+
+
+def packed(columns: Columns) -> NDArray[np.float32]:
+    """Pack the columns of a prefill into rows [n, 9] for `ReplayBuffer.prefill`."""
+    from maglev_offline.replay.buffer import pack
+
+    return pack(*(columns[name] for name in FIELDS))

@@ -1,0 +1,1 @@
+"""Does prefill help or harm? Arms, metrics, paired statistics, and a verdict in words."""

@@ -1,0 +1,99 @@
+"""Paired statistics over seeds, and the verdict in words."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+
+Verdict = Literal["positive", "negative", "equivalent", "inconclusive"]
+
+
+class Effect(NamedTuple):
+    """What prefill changed in one metric: differences are baseline - arm of costs, so positive means it helps.
+
+    `probability_better`: share of the seeds for which the arm is better, ties counted half. `detectable`: the
+    smallest mean difference that so many seeds show with a power of 80 % at this confidence (paired t test).
+    """
+
+    difference: float
+    low: float
+    high: float
+    baseline_mean: float
+    arm_mean: float
+    probability_better: float
+    detectable: float
+    margin: float
+    seeds: int
+    verdict: Verdict
+
+
+def paired_effect(
+    baseline: Array,
+    arm: Array,
+    *,
+    margin: float,
+    confidence: float,
+    resamples: int,
+    rng: np.random.Generator,
+) -> Effect:
+    """Compare two arms seed by seed: mean difference with a bootstrap interval (BCa), and its verdict.
+
+    `baseline` and `arm` hold a cost-like metric [seeds], the same seeds in the same order; `margin` is the smallest
+    effect of interest in the metric's own unit. The order of the seeds does not matter.
+    """
+    if baseline.shape != arm.shape or baseline.ndim != 1:
+        raise ValueError(f"arms must be paired by seed, got {baseline.shape} and {arm.shape}")
+    difference = np.sort(baseline - arm)
+    low, high = _interval(difference, confidence, resamples, rng)
+    return Effect(
+        difference=float(difference.mean()),
+        low=low,
+        high=high,
+        baseline_mean=float(baseline.mean()),
+        arm_mean=float(arm.mean()),
+        probability_better=float((difference > 0).mean() + 0.5 * (difference == 0).mean()),
+        detectable=_detectable(difference, confidence),
+        margin=margin,
+        seeds=len(difference),
+        verdict=judge(low, high, margin),
+    )
+
+
+def judge(low: float, high: float, margin: float) -> Verdict:
+    """Read an interval: excludes zero -> positive or negative; within the margin -> equivalent; else inconclusive.
+
+    An effect that is surely there, but surely smaller than the margin, is equivalent.
+    """
+    if np.isnan(low) or np.isnan(high):
+        return "inconclusive"
+    if -margin <= low and high <= margin:
+        return "equivalent"
+    if low > 0:
+        return "positive"
+    if high < 0:
+        return "negative"
+    return "inconclusive"
+
+
+def _interval(difference: Array, confidence: float, resamples: int, rng: np.random.Generator) -> tuple[float, float]:
+    """BCa interval of the mean; one seed has none, and equal differences have one of no width."""
+    if len(difference) < 2:
+        return float("nan"), float("nan")
+    if np.ptp(difference) <= 1e-12 * max(1.0, float(np.abs(difference).max())):
+        return float(difference[0]), float(difference[0])
+    result = stats.bootstrap(
+        (difference,), np.mean, confidence_level=confidence, n_resamples=resamples, method="BCa", rng=rng
+    )
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+
+
+def _detectable(difference: Array, confidence: float) -> float:
+    """Smallest mean difference that a paired t test of so many seeds would show with a power of 80 %."""
+    n = len(difference)
+    if n < 2:
+        return float("nan")
+    t = stats.t(n - 1)
+    return float((t.ppf((1 + confidence) / 2) + t.ppf(0.8)) * difference.std(ddof=1) / np.sqrt(n))
