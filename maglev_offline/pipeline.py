@@ -158,7 +158,7 @@ def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
 
 def control(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     """Try the classical controllers."""
-    folder = run_control(workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control, progress=progress)
+    folder, fresh = run_control(workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control, progress=progress)
     manifest = Manifest.read(folder)
     table = pd.read_parquet(folder / "metrics.parquet")
     start = recipe.control.reference_start_gap_m
@@ -178,7 +178,7 @@ def control(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     return Done(
         "control",
         folder,
-        bool(before) or True,
+        fresh,
         f"open-loop poles {poles} rad/s; u_eq {manifest.facts['equilibrium']['voltage_v']:.2f} V",
         {"facts": manifest.facts},
         f"Regulation from {start * 1e3:g} mm to {recipe.plant.set_point_m * 1e3:g} mm",

@@ -19,7 +19,7 @@ from maglev_offline.settings import Settings
 SCHEMA = 1
 """Version of the layout of artefacts; a reader refuses any other."""
 
-_RECORDED_PACKAGES = ("numpy", "pandas", "pyarrow", "scipy", "torch", "mcap", "matplotlib")
+_RECORDED_PACKAGES = ("control", "matplotlib", "mcap", "numpy", "pandas", "pyarrow", "scipy", "torch")
 
 
 def sha256_of(path: Path) -> str:

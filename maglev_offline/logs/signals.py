@@ -53,10 +53,15 @@ class Signal(Settings):
 
 
 class SignalMap(Settings):
-    """The `[signals]` table: a topic pattern whose named group `point` is the suspension point, and the signals."""
+    """The `[signals]` table: a topic pattern whose named group `point` is the suspension point, and the signals.
+
+    `clock`: `publish_time` is the default, since it is the sender's and the recorder adds no delay to it (the MCAP
+    specification sets it to the log time where a sender gives none); `log_time` is the recorder's; `header` is read
+    from `clock_field` in units of `clock_unit`.
+    """
 
     topic: str
-    clock: Clock = "log_time"
+    clock: Clock = "publish_time"
     clock_field: str | None = None
     clock_unit: str = "s"
     gap: Signal

@@ -1,0 +1,39 @@
+"""The `[control]` table of a recipe."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from maglev_offline.control.lqi import LqiWeights
+from maglev_offline.control.observer import ObserverSettings
+from maglev_offline.control.pid import CascadeGains, PidGains
+from maglev_offline.physics.dynamics import Integrator
+from maglev_offline.settings import Settings
+
+ControllerName = Literal["pid", "cascade", "lqr", "lqi", "lqi_ekf"]
+CONTROLLERS: tuple[ControllerName, ...] = ("pid", "cascade", "lqr", "lqi", "lqi_ekf")
+
+
+class ControlSettings(Settings):
+    """Classical controllers and the starts that they are tried from.
+
+    `reference_start_gap_m` is the paper's start; the ten `start_gaps_m` spread evenly from half the set-point to it.
+    `duration_s` lets the paper's PID settle. `stored_fully_s`: the first stretch is stored at every plant step, the
+    rest every `stored_rest_period_ms`; metrics always see every step. `integrator`: default is that of the process.
+    """
+
+    reference_start_gap_m: float = Field(default=0.015, gt=0)
+    start_gaps_m: tuple[float, ...] = tuple(round(0.004 + k * 0.011 / 9, 6) for k in range(10))
+    duration_s: float = Field(default=10.0, gt=0)
+    stored_fully_s: float = Field(default=1.0, ge=0)
+    stored_rest_period_ms: float = Field(default=10.0, gt=0)
+    integrator: Integrator | None = None
+    pid: PidGains = PidGains()
+    cascade: CascadeGains = CascadeGains()
+    lqi: LqiWeights = LqiWeights()
+    observer: ObserverSettings = ObserverSettings()
+
+    @property
+    def all_start_gaps_m(self) -> tuple[float, ...]:
+        """The reference start and the others, each once, in ascending order."""
+        return tuple(sorted({self.reference_start_gap_m, *self.start_gaps_m}))
