@@ -137,7 +137,12 @@ def _info_from_summary(path: Path) -> _InfoDraft | None:
     except (struct.error, ValueError, OSError):
         return None
     claimed = {channel: n for channel, n in summary.statistics.channel_message_counts.items() if n}
-    complete = claimed == dict(draft.counts) and set(claimed) <= set(draft.channels)
+    known = {0, *draft.schemas}
+    complete = (
+        claimed == dict(draft.counts)
+        and set(claimed) <= set(draft.channels)
+        and all(channel.schema_id in known for channel in draft.channels.values())
+    )
     return draft if complete and sum(claimed.values()) == summary.statistics.message_count else None
 
 

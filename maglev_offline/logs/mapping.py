@@ -133,7 +133,11 @@ def to_si(name: str, signal: Signal, raw: NDArray[np.float64]) -> tuple[NDArray[
     outside = np.zeros(raw.shape, dtype=np.bool_)
     if signal.valid is not None:
         outside = (declared < signal.valid[0]) | (declared > signal.valid[1])
-    return declared * si_factor(name, signal), outside
+    factor = si_factor(name, signal)
+    divisor = round(1 / factor)
+    # 9 mm / 1000 is the same float64 as 0.009 m in a recipe, and 9 mm * 0.001 is not; a stop is met or missed by that.
+    exact = divisor > 1 and abs(divisor * factor - 1) < 1e-12
+    return (declared / divisor if exact else declared * factor), outside
 
 
 def column_of(name: str) -> str:

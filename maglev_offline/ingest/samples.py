@@ -1,0 +1,97 @@
+"""The samples table: its columns and how they are written and read."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from maglev_offline.errors import ArtefactError
+from maglev_offline.ingest.points import PointSamples
+from maglev_offline.ingest.resample import ORIGINS
+
+_ORIGIN = pa.dictionary(pa.int8(), pa.string())
+_TIME = pa.timestamp("ns", tz="UTC")
+
+_ORIGIN_COLUMNS = {
+    "gap_origin": "gap_m",
+    "gap_velocity_origin": "gap_velocity_m_s",
+    "current_origin": "current_a",
+    "voltage_origin": "voltage_v",
+}
+
+SAMPLES = "samples.parquet"
+QUARANTINE = "quarantine.parquet"
+
+
+def schema(context: Sequence[str]) -> pa.Schema:
+    """The columns of the samples table with these context columns."""
+    return pa.schema(
+        [
+            ("log_id", pa.string()),
+            ("point", pa.string()),
+            ("t", _TIME),
+            ("segment", pa.int32()),
+            ("step", pa.int32()),
+            ("gap_m", pa.float64()),
+            ("gap_velocity_m_s", pa.float64()),
+            ("current_a", pa.float64()),
+            ("voltage_v", pa.float64()),
+            ("set_point_m", pa.float64()),
+            *((name, pa.float64()) for name in context),
+            *((name, _ORIGIN) for name in _ORIGIN_COLUMNS),
+            ("contact", pa.bool_()),
+        ]
+    )
+
+
+def table(log_id: str, points: Iterable[PointSamples], context: Sequence[str]) -> pa.Table:
+    """The samples of one log, points in the given order."""
+    made = schema(context)
+    batches = []
+    for point in points:
+        n = len(point.t_ns)
+        columns: dict[str, pa.Array] = {
+            "log_id": pa.repeat(log_id, n),
+            "point": pa.repeat(point.point, n),
+            "t": pa.array(point.t_ns, type=pa.int64()).cast(_TIME),
+            "segment": pa.array(point.segment),
+            "step": pa.array(point.step),
+            "contact": pa.array(point.contact),
+        }
+        for name in made.names:
+            if name in _ORIGIN_COLUMNS:
+                codes = pa.array(point.origins[_ORIGIN_COLUMNS[name]].astype(np.int8))
+                columns[name] = pa.DictionaryArray.from_arrays(codes, pa.array(ORIGINS))
+            elif name not in columns:
+                columns[name] = pa.array(point.values[name], type=pa.float64())
+        batches.append(pa.Table.from_arrays([columns[name] for name in made.names], schema=made))
+    return pa.concat_tables(batches) if batches else made.empty_table()
+
+
+def load_samples(folders: Iterable[Path]) -> pd.DataFrame:
+    """Read the samples of several logs into one table, in the order given; a context column that a log lacks is NaN.
+
+    The origin columns are categories, always the same four.
+
+    Raises
+    ------
+    ArtefactError: a folder holds no samples that can be read.
+    """
+    tables = []
+    for folder in folders:
+        try:
+            tables.append(pq.read_table(folder / SAMPLES))
+        except (OSError, pa.ArrowException) as error:
+            raise ArtefactError(
+                f"the samples cannot be read ({error}).", where=str(folder), todo="Run the ingest stage again."
+            ) from None
+    context = dict.fromkeys(name for t in tables for name in t.column_names if name not in schema(()).names)
+    wanted = schema(tuple(context))
+    joined = pa.concat_tables(tables, promote_options="default") if tables else wanted.empty_table()
+    frame: pd.DataFrame = joined.select(wanted.names).to_pandas()
+    for name in _ORIGIN_COLUMNS:
+        frame[name] = pd.Categorical(frame[name], categories=list(ORIGINS))
+    return frame

@@ -1,0 +1,69 @@
+import importlib.util
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maglev_offline.ingest.settings import IngestSettings
+from maglev_offline.physics.parameters import Plant
+from maglev_offline.workspace import Workspace
+
+T0 = 1_700_000_000_000_000_000
+"""A multiple of every grid period used here, in ns."""
+
+
+@pytest.fixture(scope="session")
+def mcap_files():
+    """The helper that writes small MCAP files."""
+    path = Path(__file__).parents[1] / "logs/mcap_files.py"
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def levitador():
+    """Folder of the recorded logs of a laboratory levitator."""
+    here = Path(__file__).parents[3] / "shared/data/levitador"
+    folder = Path(os.environ.get("MAGLEV_OFFLINE_LEVITADOR", here))
+    if not folder.is_dir():
+        pytest.skip(f"the recorded levitator logs are not at {folder} (set MAGLEV_OFFLINE_LEVITADOR)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def plant():
+    """The paper's suspension: stops at 0.5 and 16 mm."""
+    return Plant()
+
+
+@pytest.fixture(scope="session")
+def grid_10():
+    """A grid of 10 ms; holes above 25 ms."""
+    return IngestSettings(grid_ms=10, longest_bridge_ms=25, reorder_ms=50)
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    """An empty workspace."""
+    return Workspace(tmp_path / "workspace")
+
+
+@pytest.fixture(scope="session")
+def write_log(mcap_files):
+    """Write a log of one topic from messages in file order: times in ms after T0, gaps in mm, or whole values."""
+
+    def write(path, t_ms, gap_mm=None, *, values=None, topic="/suspension/F1/state", extra=(), **options):
+        if values is None:
+            gap_mm = np.full(len(t_ms), 8.0) if gap_mm is None else gap_mm
+            values = [
+                {"gap_mm": float(g), "coil_current_a": 20.0 + k, "coil_voltage_v": 24.0 - k}
+                for k, g in enumerate(gap_mm)
+            ]
+        times = [T0 + round(t * 1e6) for t in t_ms]
+        messages = [mcap_files.Msg(topic, t, v) for t, v in zip(times, values, strict=True)]
+        return mcap_files.write(path, [*messages, *extra], **options)
+
+    return write
