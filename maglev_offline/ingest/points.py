@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from maglev_offline.ingest import contact, ledger, segments
 from maglev_offline.ingest.clock import NS_PER_MS
 from maglev_offline.ingest.ledger import Quarantined
-from maglev_offline.ingest.resample import Origin, grid_instants, hold, interpolate
+from maglev_offline.ingest.resample import Origin, grid_instants, grid_phase, hold, interpolate
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.ingest.topics import CleanTopic
 from maglev_offline.ingest.velocity import central_differences
@@ -108,6 +108,7 @@ def _on_grid(
     sources: Mapping[str, str], topics: Mapping[str, CleanTopic], settings: IngestSettings, plant: Plant
 ) -> _Rows:
     period_ns = round(settings.grid_ms * NS_PER_MS)
+    tolerance_ns = round(settings.hold_tolerance_share * period_ns)
     names = tuple(dict.fromkeys(sources.values()))
     common = segments.in_common([topics[name].stretches for name in names])
     within = {name: np.zeros(len(topics[name].t_ns), dtype=np.bool_) for name in names}
@@ -118,10 +119,10 @@ def _on_grid(
     origins: dict[str, list[NDArray[np.int8]]] = {name: [] for name in sources}
     touching: list[NDArray[np.bool_]] = []
     for k in range(len(common.start_ns)):
-        grid = grid_instants(int(common.start_ns[k]), int(common.end_ns[k]), period_ns)
-        spans = {}
-        for name, stretch in zip(names, common.parts[k], strict=True):
-            spans[name] = _span(topics[name], int(stretch))
+        spans = {name: _span(topics[name], int(stretch)) for name, stretch in zip(names, common.parts[k], strict=True)}
+        phase_ns = grid_phase(topics[sources["gap"]].t_ns[spans[sources["gap"]]], period_ns)
+        grid = grid_instants(int(common.start_ns[k]), int(common.end_ns[k]), period_ns, phase_ns)
+        for name in names:
             bracket = _bracket(topics[name].t_ns, spans[name], int(common.start_ns[k]), int(common.end_ns[k]))
             within[name][bracket] = True
             used[name][bracket] |= len(grid) > 0
@@ -130,7 +131,9 @@ def _on_grid(
         grids.append(grid)
         for signal, source in sources.items():
             t_ns, logged = topics[source].t_ns[spans[source]], topics[source].values[signal][spans[source]]
-            column, origin = (hold if signal in _HELD else interpolate)(t_ns, logged, grid)
+            column, origin = (
+                hold(t_ns, logged, grid, tolerance_ns) if signal in _HELD else interpolate(t_ns, logged, grid)
+            )
             values[signal].append(column)
             origins[signal].append(origin)
             if signal == "gap":

@@ -1,6 +1,7 @@
 """From the messages of one stretch to values on the grid; nothing is said beyond the stretch's own messages.
 
-Grid instants are the multiples of the grid period in absolute integer nanoseconds, so all logs share one grid.
+The grid is uniform in integer nanoseconds, and its phase is that of the messages: between samples of 100 ms the gap
+turns by up to 3 rad, so a row in the middle between two messages would be an invention (docs/decisions/0007).
 """
 
 from enum import IntEnum
@@ -27,11 +28,24 @@ Times = NDArray[np.int64]
 Values = NDArray[np.float64]
 
 
-def grid_instants(start_ns: int, end_ns: int, grid_ns: int) -> Times:
-    """Multiples of `grid_ns` from `start_ns` to `end_ns`; one that misses an end by `ON_GRID_NS` still counts."""
-    first = -((ON_GRID_NS - start_ns) // grid_ns)
-    last = (end_ns + ON_GRID_NS) // grid_ns
-    return np.arange(first, last + 1, dtype=np.int64) * grid_ns
+def grid_phase(t_ns: Times, grid_ns: int) -> int:
+    """Phase in [0, grid_ns) that most messages keep to within a tenth of the period: that of the middle one of them.
+
+    Messages that lie on a grid already give its phase exactly. Where they keep to none, as a source that is faster
+    than the grid, it is the phase of the first message.
+    """
+    half = grid_ns // 2
+    offset = (t_ns - t_ns[0] + half) % grid_ns - half
+    middle = np.partition(offset, (len(offset) - 1) // 2)[(len(offset) - 1) // 2]
+    together = np.abs(offset - middle) <= grid_ns // 10
+    return int((t_ns[0] + (middle if 2 * together.sum() > len(offset) else 0)) % grid_ns)
+
+
+def grid_instants(start_ns: int, end_ns: int, grid_ns: int, phase_ns: int = 0) -> Times:
+    """Instants of that phase from `start_ns` to `end_ns`; one that misses an end by `ON_GRID_NS` still counts."""
+    first = -((ON_GRID_NS + phase_ns - start_ns) // grid_ns)
+    last = (end_ns + ON_GRID_NS - phase_ns) // grid_ns
+    return np.arange(first, last + 1, dtype=np.int64) * grid_ns + phase_ns
 
 
 def interpolate(t_ns: Times, values: Values, grid_ns: Times) -> tuple[Values, NDArray[np.int8]]:
@@ -49,13 +63,14 @@ def interpolate(t_ns: Times, values: Values, grid_ns: Times) -> tuple[Values, ND
     )
 
 
-def hold(t_ns: Times, values: Values, grid_ns: Times) -> tuple[Values, NDArray[np.int8]]:
+def hold(t_ns: Times, values: Values, grid_ns: Times, tolerance_ns: int = 0) -> tuple[Values, NDArray[np.int8]]:
     """Hold the latest message, as a digital output does; returns the values and their origins, shape [grid].
 
-    An instant before the first message is NaN.
+    A message that jitter puts up to `tolerance_ns` behind an instant counts as being there: the one before it would
+    be a whole period old. An instant before the first message is NaN.
     """
     nearest, hit = _on_grid(t_ns, grid_ns)
-    latest = np.searchsorted(t_ns, grid_ns, side="right") - 1
+    latest = np.searchsorted(t_ns, grid_ns + tolerance_ns, side="right") - 1
     held = np.where(latest >= 0, values[np.maximum(latest, 0)], np.nan)
     return np.where(hit, values[nearest], held), np.where(hit, Origin.MEASURED, Origin.HELD).astype(np.int8)
 

@@ -59,12 +59,20 @@ class TestSamples:
         assert set(samples["set_point_m"]) == {0.008}
 
     def test_messages_between_instants_are_interpolated_and_the_voltage_held(self, ingest):
-        samples, _, _ = ingest([5, 15, 25], values=[value(8, 20, 1), value(9, 21, 2), value(10, 22, 3)])
-        np.testing.assert_allclose(samples["gap_m"], [0.0085, 0.0095])
-        np.testing.assert_allclose(samples["current_a"], [20.5, 21.5])
-        assert samples["voltage_v"].tolist() == [1, 2]
-        assert set(samples["gap_origin"]) == {"interpolated"}
-        assert set(samples["voltage_origin"]) == {"held"}
+        values = [value(8, 20, 1), value(8, 20, 2), value(9.5, 23, 3), value(8, 20, 4), value(8, 20, 5)]
+        samples, _, _ = ingest([0, 10, 25, 30, 40], values=values)
+        row = samples.iloc[2]
+        np.testing.assert_allclose([row["gap_m"], row["current_a"]], [0.009, 22])
+        assert row["voltage_v"] == 2
+        assert [row["gap_origin"], row["voltage_origin"]] == ["interpolated", "held"]
+
+    def test_the_grid_takes_the_phase_of_the_messages_so_that_jitter_alone_is_interpolated(self, ingest):
+        t_ms = 5 + np.arange(40) * 10 + np.tile([0, 0.3, -0.4, 0, 0], 8)
+        volts = np.arange(40.0)
+        samples, _, _ = ingest(t_ms, values=[value(8, 20, v) for v in volts])
+        instants = samples["t"].astype("int64").to_numpy()
+        assert set((instants - T0) % (10 * MS)) == {5 * MS}
+        assert samples["voltage_v"].tolist() == volts.tolist()
 
     def test_a_logged_velocity_a_set_point_and_context_are_taken(self, ingest):
         values = [value(gap_velocity_mm_s=5.0, set_point_mm=9.0, speed_km_h=36.0, load_kg=700.0)] * 5

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maglev_offline.ingest.resample import ON_GRID_NS, Origin, grid_instants, hold, interpolate
+from maglev_offline.ingest.resample import ON_GRID_NS, Origin, grid_instants, grid_phase, hold, interpolate
 
 T0 = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -85,6 +85,30 @@ def test_measured_means_within_a_microsecond(late_ns, origin):
     values, found = interpolate(t, np.array([0.0, 1.0, 0.0]), np.array([T0]))
     assert found[0] == Origin[origin]
     assert (values[0] == 1.0) == (origin == "MEASURED")
+
+
+def test_a_message_that_jitter_puts_just_behind_an_instant_counts_as_there():
+    t = T0 + np.array([0, 11, 30]) * MS
+    grid = T0 + np.array([0, 10, 20, 30]) * MS
+    assert hold(t, np.array([1.0, 2.0, 3.0]), grid, tolerance_ns=1 * MS)[0].tolist() == [1, 2, 2, 3]
+
+
+@given(offset_ns, st.lists(st.integers(-MS // 2, MS // 2), min_size=5, max_size=60))
+def test_the_phase_is_one_that_most_messages_keep_to(offset, jitter):
+    t = T0 + offset + np.arange(len(jitter)) * GRID + np.array(jitter)
+    off = (t - grid_phase(t, GRID) + GRID // 2) % GRID - GRID // 2
+    assert np.abs(off).max() <= MS
+
+
+@given(offset_ns, st.integers(2, 50))
+def test_messages_on_a_grid_give_its_phase_exactly(offset, n):
+    t = T0 + offset + np.arange(n) * GRID
+    np.testing.assert_array_equal(grid_instants(int(t[0]), int(t[-1]), GRID, grid_phase(t, GRID)), t)
+
+
+def test_a_source_that_keeps_to_no_phase_gets_that_of_its_first_message():
+    t = T0 + 3 * MS + np.arange(100) * MS
+    assert grid_phase(t, GRID) == (T0 + 3 * MS) % GRID
 
 
 def test_a_held_signal_keeps_its_latest_message():
