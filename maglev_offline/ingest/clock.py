@@ -12,9 +12,12 @@ Times = NDArray[np.int64]
 
 
 def choose(columns: ChannelColumns, clock: Clock) -> Times:
-    """Return the messages' times by the chosen clock, shape [n], ns; `NO_TIME` where a header has no stamp."""
+    """Return the messages' times by the chosen clock, shape [n], ns; `NO_TIME` where a header has no stamp.
+
+    Where a sender left the publish time at 0, the log time stands in, as the MCAP specification has it.
+    """
     if clock == "publish_time":
-        return columns.publish_time_ns
+        return np.where(columns.publish_time_ns == 0, columns.log_time_ns, columns.publish_time_ns)
     if clock == "header":
         if columns.clock_ns is None:
             raise ValueError("the header clock was not read")

@@ -1,7 +1,7 @@
 """Which field of which topic is which physical signal, in which unit: the `[signals]` table of a recipe."""
 
 import re
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -108,12 +108,3 @@ class SignalMap(Settings):
         if match is None:
             return None
         return match.groupdict().get("point") or topic.strip("/").replace("/", "_")
-
-
-class ChannelFields(NamedTuple):
-    """A channel as its schema declares it: topic, encodings, and the dotted paths of its numeric fields."""
-
-    topic: str
-    message_encoding: str
-    schema_name: str
-    fields: tuple[str, ...]

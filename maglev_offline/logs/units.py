@@ -24,6 +24,9 @@ def to_si_factor(unit: str, si_unit: str) -> float:
     dimension_of(unit)
     registry = _registry()
     try:
-        return float(registry.Quantity(1.0, unit).to(si_unit).magnitude)
+        zero, one = (float(registry.Quantity(value, unit).to(si_unit).magnitude) for value in (0.0, 1.0))
     except Exception:
         raise ValueError(f"unit {unit!r} cannot be turned into {si_unit!r}: it measures {dimension_of(unit)}") from None
+    if zero != 0:
+        raise ValueError(f"unit {unit!r} has a zero of its own: give a unit without one, and state the offset")
+    return one

@@ -15,6 +15,12 @@ def test_the_chosen_clock():
     assert choose(columns, "header")[0] == 20
 
 
+def test_a_publish_time_that_the_sender_left_at_zero_gives_way_to_the_log_time():
+    n = np.arange(1, 4)
+    columns = ChannelColumns("/a", n, np.array([0, 12, 0]), n, n, {}, n >= 0, None)
+    assert choose(columns, "publish_time").tolist() == [1, 12, 3]
+
+
 @pytest.mark.parametrize(
     ("times", "expected"),
     [

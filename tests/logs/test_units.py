@@ -26,3 +26,8 @@ def test_an_unknown_unit(unit):
     else:
         with pytest.raises(ValueError, match="is not known"):
             dimension_of(unit)
+
+
+def test_a_unit_with_a_zero_of_its_own_is_refused():
+    with pytest.raises(ValueError, match="zero of its own"):
+        to_si_factor("degC", "kelvin")
