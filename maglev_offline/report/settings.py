@@ -1,0 +1,17 @@
+"""The `[report]` table of a recipe."""
+
+from pydantic import Field
+
+from maglev_offline.settings import Settings
+
+
+class ReportSettings(Settings):
+    """What the report shows.
+
+    `example_log`: name of the log whose trajectories are drawn (not given: the first); `example_duration_s`: how much
+    of it.
+    """
+
+    title: str = "Does logged PID data help a learning suspension controller?"
+    example_log: str | None = None
+    example_duration_s: float = Field(default=20.0, gt=0)

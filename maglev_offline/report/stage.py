@@ -1,0 +1,142 @@
+"""The stage: everything in the workspace -> one self-contained page."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from maglev_offline import __version__
+from maglev_offline.progress import SILENT, Progress
+from maglev_offline.report import words
+from maglev_offline.report.evidence import REPORT, Evidence, gather
+from maglev_offline.report.numbers import NO_BREAK
+from maglev_offline.report.page import Paragraph, Plot, Section, Table, not_yet
+from maglev_offline.report.sections_data import (
+    coverage_section,
+    origin_section,
+    prefill_section,
+    trajectories_section,
+)
+from maglev_offline.report.sections_learning import (
+    TRANSFER,
+    curves_section,
+    regulation_section,
+    settling_of,
+    verdict_section,
+)
+from maglev_offline.report.sections_recipe import recipe_section
+from maglev_offline.report.settings import ReportSettings
+from maglev_offline.report.svg import inline_svg
+from maglev_offline.workspace import Manifest, Workspace, fingerprint
+
+PAGE = "report.html"
+
+
+def build_report(
+    workspace: Workspace,
+    settings: ReportSettings,
+    recipe: Mapping[str, Any],
+    recipe_name: str,
+    *,
+    progress: Progress = SILENT,
+) -> tuple[Path, bool]:
+    """Commit the artefact `report`, one page of all that is in the workspace; return its path and whether it is new.
+
+    `recipe`: the resolved recipe as plain tables, shown as it is. A part whose artefact has not been made yet says so.
+
+    Raises
+    ------
+    ArtefactError: the manifest of an artefact is damaged.
+    """
+    evidence = gather(workspace)
+    home = workspace.path(REPORT)
+    mark = fingerprint("report", evidence.hashes, settings, recipe=dict(recipe), recipe_name=recipe_name)
+    if workspace.is_current(home, mark):
+        return home / PAGE, False
+    for name in evidence.stale():
+        progress.warn(f"report: {name} was made from artefacts that have changed since; run its stage again.")
+    head = head_section(evidence, trains=recipe_trains(recipe))
+    sections = body_sections(evidence, settings, recipe, recipe_name, mark)
+    manifest = Manifest(REPORT, mark, evidence.hashes)
+    manifest.settings = {"report": settings.model_dump(mode="json")}
+    manifest.counts = {
+        "sections": len(sections),
+        "figures": sum(isinstance(block, Plot) for section in sections for block in section.blocks),
+        "tables": sum(isinstance(block, Table) for section in sections for block in section.blocks),
+    }
+    with workspace.commit(home, manifest) as draft:
+        (draft / PAGE).write_text(render(settings.title, head, sections), encoding="utf-8")
+    return home / PAGE, True
+
+
+def recipe_trains(recipe: Mapping[str, Any]) -> bool:
+    """Whether the recipe has an agent to train; one that does not say so has."""
+    return bool(recipe.get("training", {}).get("algorithms", True))
+
+
+def head_section(evidence: Evidence, *, trains: bool) -> Section:
+    """The answer, where the data came from, and whether the agents learned at all; `trains`: the recipe has agents."""
+    head = Section("head", "")
+    study, logs = evidence.get("transfer"), evidence.under("samples")
+    if study is not None:
+        rows = {a.folder.name: a.manifest.counts["rows"] for a in evidence.under("prefill")}
+        confidence = float(study.manifest.settings["transfer"]["confidence"])
+        head.blocks.append(Paragraph(words.headline(study.facts), "lead"))
+        head.blocks += [Paragraph(text) for text in words.answers(study.facts, rows, confidence)]
+        comparison = words.classical_sentence(settling_of(evidence))
+        head.blocks.append(Paragraph(f"{words.learned_sentence(study.facts)} {comparison}".strip()))
+    elif not trains:
+        text = "The recipe trains no agent: this page shows the logged data and the classical controllers."
+        head.blocks.append(Paragraph(text))
+    else:
+        head.blocks.append(not_yet("There is no verdict yet: the arms have not been compared.", TRANSFER))
+    simulated = words.simulated_sentence(sum(bool(log.facts.get("simulated")) for log in logs), len(logs))
+    if simulated:
+        head.blocks.append(Paragraph(simulated, "note"))
+    stale = evidence.stale()
+    if stale:
+        text = f"Older than what they were made from, and to be made again: {', '.join(stale)}."
+        head.blocks.append(Paragraph(text, "warning"))
+    return head
+
+
+def body_sections(
+    evidence: Evidence, settings: ReportSettings, recipe: Mapping[str, Any], recipe_name: str, mark: str
+) -> list[Section]:
+    """All sections below the head, in order."""
+    trains = recipe_trains(recipe)
+    return [
+        origin_section(evidence),
+        trajectories_section(evidence, settings),
+        coverage_section(evidence),
+        prefill_section(evidence, trains=trains),
+        regulation_section(evidence, trains=trains),
+        curves_section(evidence, trains=trains),
+        verdict_section(evidence, trains=trains),
+        recipe_section(evidence, recipe, recipe_name, mark, trains=trains),
+    ]
+
+
+def render(title: str, head: Section, sections: list[Section]) -> str:
+    """Set the page. Every text is escaped; only the figures, which matplotlib has escaped, are markup."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("maglev_offline.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_printable,
+    )
+    environment.globals["svg"] = lambda plot: inline_svg(plot.figure, plot.key)
+    environment.tests["block"] = lambda block, kind: type(block).__name__ == kind
+    template = environment.get_template("report.html.j2")
+    return template.render(title=title, head=head, sections=sections, version=__version__)
+
+
+_CONTROLS = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(127, 160)), "�")
+
+
+def _printable(value: object) -> object:
+    """Replace control characters, which no page may hold, and keep per cent signs with their numbers."""
+    return value.translate(_CONTROLS).replace(" %", f"{NO_BREAK}%") if type(value) is str else value

@@ -1,0 +1,195 @@
+"""The page as a whole: well-formed, self-contained, honest about what is missing, the same bytes each time."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from maglev_offline.report.numbers import interval, number, whole
+from maglev_offline.report.settings import ReportSettings
+from maglev_offline.report.stage import build_report
+from maglev_offline.workspace import Manifest, Workspace
+
+FIGURES = ("trajectory", "coverage", "prefill", "regulation", "long", "curves", "forest")
+SECTIONS = ("origin", "trajectories", "coverage", "prefill", "regulation", "curves", "verdict", "recipe")
+
+
+def build(workspace, recipe, **changes):
+    return build_report(workspace, ReportSettings(**changes), recipe.plain(), recipe.name)
+
+
+@pytest.fixture(scope="module")
+def page(made, recipe, read_page, tmp_path_factory):
+    workspace = Workspace(Path(shutil.copytree(made, tmp_path_factory.mktemp("page") / "workspace")))
+    path, fresh = build(workspace, recipe)
+    assert fresh
+    return read_page(path)
+
+
+def test_page_is_well_formed(page):
+    assert page.errors == []
+    assert len(page.ids) == len(set(page.ids))
+    inside = [reference[1:] for reference in page.references if reference.startswith("#")]
+    assert set(inside) <= set(page.ids)
+
+
+def test_page_needs_nothing_else(page, made, recipe, tmp_path):
+    assert all(reference.startswith(("#", "data:image/png;base64,")) for reference in page.references)
+    assert not {"script", "link", "iframe", "object", "img"} & {tag for tag, _ in page.tags}
+    workspace = Workspace(Path(shutil.copytree(made, tmp_path / "workspace")))
+    text = build(workspace, recipe)[0].read_text()
+    assert "http" not in text
+    assert "@import" not in text
+    assert str(tmp_path) not in text
+    assert len(text.encode()) < 3_000_000
+
+
+def test_sections_and_figures_come_in_order(page):
+    headings = [attributes["id"] for tag, attributes in page.tags if tag == "h2" and attributes["id"] != "contents"]
+    assert tuple(headings) == SECTIONS
+    figures = [attributes["id"] for tag, attributes in page.tags if tag == "figure" and "id" in attributes]
+    assert tuple(figures) == tuple(f"figure-{key}" for key in FIGURES)
+
+
+def test_page_is_accessible(page):
+    html = next(attributes for tag, attributes in page.tags if tag == "html")
+    assert html["lang"] == "en"
+    images = [attributes for _, attributes in page.tags if attributes.get("role") == "img"]
+    assert len(images) == len(FIGURES)
+    assert all(attributes["aria-label"] for attributes in images)
+    tags = [tag for tag, _ in page.tags]
+    assert tags.count("caption") == tags.count("table") > 8
+    assert all(attributes.get("scope") in ("col", "row") for tag, attributes in page.tags if tag == "th")
+    assert ("a", {"class": "skip", "href": "#main"}) in page.tags
+
+
+def test_simulated_logs_are_called_so(page):
+    assert "Both logs are simulated" in page.text
+
+
+def test_books_balance_in_words(page, made):
+    counts = [Manifest.read(folder).counts for folder in Workspace(made).list("samples")]
+    came, used = sum(c["messages"] for c in counts), sum(c["messages_used"] for c in counts)
+    assert f"{whole(came)} messages came in = {whole(used)} used + {whole(came - used)} quarantined" in page.text
+
+
+def test_every_reason_code_is_listed_with_its_count(page, made):
+    ledger = pd.concat([pd.read_parquet(f / "quarantine.parquet") for f in Workspace(made).list("samples")])
+    for code, count in ledger.groupby("code")["count"].sum().items():
+        assert any(row[0] == code and row[-1] == whole(count) for row in page.rows)
+
+
+def test_verdict_table_is_the_manifest(page, made):
+    facts = Manifest.read(made / "transfer").facts
+    rows = [[cell.replace("\xa0", " ") for cell in row] for row in page.rows]
+    for found in facts["algorithms"].values():
+        for metric, effect in found["effects"]["prefill"].items():
+            wanted = [
+                metric.replace("_", " "),
+                *(number(effect[key]) for key in ("baseline_mean", "arm_mean", "difference")),
+                interval(effect["low"], effect["high"]).replace("\xa0", " "),
+            ]
+            row = next(row for row in rows if row[:5] == wanted)
+            assert row[7] == number(effect["margin"])
+            assert effect["verdict"] in row[8]
+
+
+def test_every_artefact_hash_and_recipe_number_is_there(page, made):
+    names = {row[0] for row in page.rows}
+    artefacts = {path.parent.relative_to(made).as_posix() for path in made.rglob("manifest.json")}
+    assert artefacts <= names
+    assert "exploratory_steps = 100" in page.text
+    assert "[surrogate.sensors]" in page.text
+
+
+def test_second_run_does_nothing_and_another_workspace_gets_the_same_bytes(made, recipe, tmp_path):
+    pages = []
+    for name in ("a", "b"):
+        workspace = Workspace(Path(shutil.copytree(made, tmp_path / name)))
+        path, fresh = build(workspace, recipe)
+        assert fresh
+        assert not build(workspace, recipe)[1]
+        assert build(workspace, recipe, title="Another")[1]
+        path, fresh = build(workspace, recipe)
+        assert fresh
+        pages.append((path.read_bytes(), (path.parent / "manifest.json").read_bytes()))
+    assert pages[0] == pages[1]
+
+
+@pytest.mark.parametrize(
+    ("missing", "section", "command"),
+    [
+        (("transfer",), "verdict", "maglev-offline transfer"),
+        (("transfer", "training"), "curves", "maglev-offline transfer"),
+        (("control",), "regulation", "maglev-offline control"),
+        (("prefill",), "prefill", "maglev-offline prefill"),
+        (("transitions",), "coverage", "maglev-offline curate"),
+        (("samples",), "origin", "maglev-offline ingest"),
+    ],
+)
+def test_missing_artefact_becomes_a_sentence_with_its_command(workspace, recipe, read_page, missing, section, command):
+    for name in missing:
+        shutil.rmtree(workspace.path(name))
+    path, _ = build(workspace, recipe)
+    page = read_page(path)
+    assert page.errors == []
+    assert command in page.text
+    text = path.read_text()
+    part = text[text.index(f'<h2 id="{section}"') :]
+    part = part[: part.index("</section>")]
+    assert f"<code>{command}" in part
+
+
+def test_empty_workspace_has_a_page(tmp_path, recipe, read_page):
+    path, _ = build(Workspace(tmp_path), recipe)
+    page = read_page(path)
+    assert page.errors == []
+    assert "figure-" not in path.read_text().split("<main")[1]
+    assert "holds no artefact yet" in page.text
+
+
+def test_recipe_without_agents_asks_for_none(workspace, recipe, read_page):
+    for name in ("transfer", "training", "prefill"):
+        shutil.rmtree(workspace.path(name))
+    plain = recipe.plain()
+    plain["training"]["algorithms"] = []
+    path, _ = build_report(workspace, ReportSettings(), plain, "data only")
+    text = read_page(path).text
+    assert "The recipe trains no agent" in text
+    assert "maglev-offline transfer" not in text
+    assert "figure-regulation" in path.read_text()
+
+
+def test_hostile_names_are_escaped(workspace, recipe, read_page):
+    folder = workspace.list("samples")[0]
+    evil = "<script>alert(1)</script>$x_{\x00&\"'"
+    samples = pd.read_parquet(folder / "samples.parquet")
+    samples["point"] = evil
+    samples.to_parquet(folder / "samples.parquet")
+    data = json.loads((folder / "manifest.json").read_text())
+    data["facts"]["file"] = evil
+    (folder / "manifest.json").write_text(json.dumps(data))
+    path, _ = build(workspace, recipe, title=evil)
+    page = read_page(path)
+    assert page.errors == []
+    assert "script" not in {tag for tag, _ in page.tags}
+    assert "<script>alert(1)</script>" in page.text
+    assert "\x00" not in path.read_text()
+
+
+def test_results_older_than_their_inputs_are_called_so(workspace, recipe, read_page):
+    path = workspace.path("transitions", "manifest.json")
+    path.write_text(path.read_text() + " ")
+    page = read_page(build(workspace, recipe)[0])
+    assert "Older than what they were made from" in page.text
+    assert "prefill/ddpg" in page.text.split("Older than")[1][:200]
+
+
+def test_example_log_is_chosen_by_name(workspace, recipe, read_page):
+    second = workspace.list("samples")[1]
+    text = read_page(build(workspace, recipe, example_log=second.name)[0]).text
+    assert f"From samples/{second.name}" in text
+    text = read_page(build(workspace, recipe, example_log="no such log")[0]).text
+    assert "There is no log “no such log”" in text
