@@ -22,8 +22,17 @@ PLAIN_WIDTH = 120
 """Width of tables where there is no terminal."""
 
 
+_CONTROLS = dict.fromkeys((*range(9), *range(11, 32), *range(127, 160)), "�")
+
+
 def _console(file: TextIO) -> Console:
-    return Console(file=file, highlight=False, soft_wrap=True, width=None if file.isatty() else PLAIN_WIDTH)
+    width = None if file.isatty() else PLAIN_WIDTH
+    return Console(file=file, highlight=False, emoji=False, soft_wrap=True, width=width)
+
+
+def _plain(text: str) -> str:
+    """Text as it is: names in a log are neither markup nor control sequences of the terminal."""
+    return escape(text.translate(_CONTROLS))
 
 
 class Talk:
@@ -42,15 +51,15 @@ class Talk:
     def say(self, text: str) -> None:
         """Tell a fact that is not the result."""
         if not self.quiet:
-            self._err.print(escape(text))
+            self._err.print(_plain(text))
 
     def warn(self, text: str) -> None:
         """Tell something that the user should look at; a quiet run tells it too."""
-        self._err.print(f"[yellow]warning:[/] {escape(text)}")
+        self._err.print(f"[yellow]warning:[/] {_plain(text)}")
 
     def fail(self, error: MaglevOfflineError) -> None:
-        """Tell an error as a paragraph; in JSON, as an object too."""
-        self._err.print(f"[bold red]error:[/] {escape(error.paragraph())}")
+        """Tell an error as a paragraph."""
+        self._err.print(f"[bold red]error:[/] {_plain(error.paragraph())}")
 
     def result(self, data: Mapping[str, Any], *lines: str) -> None:
         """Give the result of a command: `data` to scripts, `lines` to people."""
@@ -62,17 +71,17 @@ class Talk:
         """Show lines of a result to people only."""
         if not self.as_json:
             for line in lines:
-                self._out.print(escape(line))
+                self._out.print(_plain(line))
 
     def table(self, title: str, columns: list[str], rows: list[list[str]]) -> None:
         """Show a table to people; numbers are right-aligned. Scripts get theirs from `result`."""
         if self.as_json or not rows:
             return
-        view = Table(title=title, title_justify="left", box=None, pad_edge=False)
+        view = Table(title=_plain(title), title_justify="left", box=None, pad_edge=False)
         for number, name in enumerate(columns):
             view.add_column(name, justify="left" if number == 0 else "right", no_wrap=number == 0)
         for row in rows:
-            view.add_row(*(escape(cell) for cell in row))
+            view.add_row(*(_plain(cell) for cell in row))
         self._out.print(view)
 
     def task(self, title: str, total: int, unit: str) -> AbstractContextManager[Ticker]:
@@ -90,7 +99,7 @@ class Talk:
             done += more
             if time.monotonic() - last >= SECONDS_BETWEEN_LINES:
                 last = time.monotonic()
-                self.say(f"{title}: {done:,} of {total:,} {unit} ({done / total:.0%})")
+                self.say(f"{title}: {done:,} of {total:,} {unit} ({done / max(total, 1):.0%})")
 
         yield tick
 

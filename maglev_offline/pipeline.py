@@ -158,7 +158,9 @@ def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
 
 def control(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     """Try the classical controllers."""
-    folder, fresh = run_control(workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control, progress=progress)
+    folder, fresh = run_control(
+        workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control, progress=progress
+    )
     manifest = Manifest.read(folder)
     table = pd.read_parquet(folder / "metrics.parquet")
     start = recipe.control.reference_start_gap_m
@@ -257,7 +259,7 @@ def transfer(recipe: Recipe, workspace: Workspace, jobs: int, progress: Progress
         f"prefill against an empty buffer, by the area under the curve: {', '.join(words)}",
         {"verdict": manifest.facts},
         "Empty minus prefill (costs; a positive difference means that prefill helps)",
-        ("metric", "empty", "prefill", "difference", "95 % interval", "verdict"),
+        ("metric", "empty", "prefill", "difference", f"{recipe.transfer.confidence:.0%} interval", "verdict"),
         rows,
     )
 

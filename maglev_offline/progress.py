@@ -8,7 +8,7 @@ from typing import Protocol
 class Ticker(Protocol):
     """Counts the done part of one long task."""
 
-    def __call__(self, done: int) -> None:
+    def __call__(self, done: int, /) -> None:
         """Add `done` units to the task."""
 
 

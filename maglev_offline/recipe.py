@@ -3,6 +3,7 @@
 import difflib
 import json
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -84,19 +85,36 @@ def parse_recipe(data: dict[str, Any], where: str) -> Recipe:
 
 
 def _mistake(detail: Any) -> str:
-    """Say one validation error in the recipe's own words: `[table] key: what is wrong`."""
+    """Say one validation error in the recipe's own words: `[table] key: what is wrong`, or `[table]: ...`."""
     path = [str(part) for part in detail["loc"]]
-    place = f"[{'.'.join(path[:-1])}] {path[-1]}" if len(path) > 1 else (path[0] if path else "the recipe")
-    if detail["type"] == "extra_forbidden":
+    kind, given = detail["type"], detail["input"]
+    place = _place(detail["loc"], whole_table=kind != "missing" and isinstance(given, dict))
+    if kind == "extra_forbidden":
         near = difflib.get_close_matches(path[-1], _keys_of(path[:-1]), n=1, cutoff=0.5)
-        return f"{place}: unknown key" + (f" (did you mean `{near[0]}`?)" if near else "")
-    if detail["type"] == "missing":
+        what = "unknown table" if isinstance(given, dict) else "unknown key"
+        return f"{place}: {what}" + (f" (did you mean `{near[0]}`?)" if near else "")
+    if kind == "missing":
         return f"{place}: is needed and not there"
+    if kind in ("model_type", "dict_type"):
+        return f"{place}: must be a table (given: {given!r})"
     text = str(detail["msg"]).removeprefix("Value error, ")
-    given = detail["input"]
-    if isinstance(given, str | int | float | bool) and "model" not in detail["type"]:
+    if isinstance(given, str | int | float | bool):
         text = f"{text} (given: {given!r})"
     return f"{place}: {text[0].lower() + text[1:]}"
+
+
+def _place(loc: Sequence[str | int], *, whole_table: bool) -> str:
+    """Where in the recipe: `[table.table]`, `[table] key`, `[table] key[2]`, or a key above all tables."""
+    names = [str(part) for part in loc]
+    at = next((n for n, part in enumerate(loc) if isinstance(part, int)), len(loc))
+    element = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc[at:])
+    names = names[:at]
+    if not names:
+        return "the recipe"
+    if whole_table and not element:
+        return f"[{'.'.join(names)}]"
+    table = f"[{'.'.join(names[:-1])}] " if names[1:] else ""
+    return f"{table}{names[-1]}{element}"
 
 
 def _keys_of(path: list[str]) -> list[str]:
@@ -124,8 +142,10 @@ def recall(root: Path) -> Recipe | None:
     path = root / "recipe.json"
     if not path.is_file():
         return None
+    todo = "The workspace remembers a recipe that this version cannot use. Give --recipe once more."
     try:
-        data = json.loads(path.read_text())
+        return parse_recipe(json.loads(path.read_text(encoding="utf-8")), str(path))
+    except RecipeError as error:
+        raise RecipeError(error.what, where=str(path), todo=todo) from None
     except ValueError:
-        raise RecipeError("it cannot be read.", where=str(path), todo="Give --recipe once more.") from None
-    return parse_recipe(data, str(path))
+        raise RecipeError("it cannot be read.", where=str(path), todo=todo) from None

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from maglev_offline import __version__
-from maglev_offline.errors import ArtefactError, WorkspaceLocked
+from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
 from maglev_offline.settings import Settings
 
 SCHEMA = 1
@@ -29,14 +29,20 @@ def sha256_of(path: Path) -> str:
 
 
 def fingerprint(stage: str, inputs: Mapping[str, str], *settings: Settings, **options: Any) -> str:
-    """Hash of all that an artefact's bytes depend on: the stage, its inputs' hashes, its recipe tables, its options."""
+    """Hash of all that an artefact's bytes depend on: the stage, its inputs' hashes, its recipe tables, its options.
+
+    The order of the tables does not matter; no two may be of one kind, since one would hide the other.
+    """
+    tables = {type(s).__name__: s.model_dump(mode="json") for s in settings}
+    if len(tables) < len(settings):
+        raise ValueError(f"two recipe tables of one kind in the fingerprint of {stage!r}")
     text = json.dumps(
         {
             "stage": stage,
             "schema": SCHEMA,
             "version": __version__,
             "inputs": dict(inputs),
-            "settings": {type(s).__name__: s.model_dump(mode="json") for s in settings},
+            "settings": tables,
             "options": options,
         },
         sort_keys=True,
@@ -84,7 +90,7 @@ class Manifest:
         """
         path = folder / "manifest.json"
         try:
-            data = json.loads(path.read_text())
+            data = json.loads(path.read_text(encoding="utf-8"))
             if data.get("schema") != SCHEMA:
                 raise ArtefactError(
                     f"the artefact has schema {data.get('schema')!r}, this version reads {SCHEMA}.",
@@ -92,11 +98,11 @@ class Manifest:
                     todo="Remove the workspace and run the stages again.",
                 )
             return cls(**data)
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             raise ArtefactError(
                 "there is no such artefact.", where=str(folder), todo="Run the stage that makes it first."
             ) from None
-        except (ValueError, TypeError, AttributeError) as error:
+        except (OSError, ValueError, TypeError, AttributeError) as error:
             raise ArtefactError(
                 f"the manifest cannot be read ({error}).",
                 where=str(path),
@@ -133,7 +139,7 @@ class Workspace:
     def commit(self, folder: Path, manifest: Manifest) -> Iterator[Path]:
         """Give a folder beside `folder` to write into; on leaving, seal it with the manifest and put it in place.
 
-        The body may still fill in `manifest`. If the body fails, nothing is left behind and the old artefact stays.
+        The body may still fill in `manifest`. If anything fails, nothing is left behind and the old artefact stays.
         """
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = folder.parent / f".{folder.name}.draft"
@@ -151,7 +157,12 @@ class Workspace:
                 _sync(path)
             if folder.exists():
                 folder.rename(retired)
-            draft.rename(folder)
+            try:
+                draft.rename(folder)
+            except OSError:
+                if retired.exists():
+                    retired.rename(folder)
+                raise
             _sync(folder.parent)
         finally:
             for leftover in (draft, retired):
@@ -164,8 +175,14 @@ class Workspace:
         Raises
         ------
         WorkspaceLocked: another process is at work in this workspace.
+        InputError: the workspace cannot be a folder.
         """
-        self.root.mkdir(parents=True, exist_ok=True)
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise InputError(
+                "this is a file, and a workspace is a folder.", where=str(self.root), todo="Give another --workspace."
+            ) from None
         with (self.root / ".lock").open("a+") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -180,8 +197,10 @@ class Workspace:
             file.truncate(0)
             file.write(f"`maglev-offline {command}` (process {os.getpid()})")
             file.flush()
-            yield
-            file.truncate(0)
+            try:
+                yield
+            finally:
+                file.truncate(0)
 
 
 def input_hash(folder: Path) -> str:

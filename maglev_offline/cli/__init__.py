@@ -2,11 +2,15 @@
 
 import os
 import sys
+from typing import Any, cast
 
-import click
 import typer
 
 from maglev_offline.cli import data, learning, road
+from maglev_offline.errors import InputError, MaglevOfflineError
+
+BAD_INPUT, STOPPED = InputError.exit_code, 130
+"""Exit codes beside 0 (done) and 1 (a failure of ours)."""
 
 app = typer.Typer(
     name="maglev-offline",
@@ -42,34 +46,55 @@ for module in (data, learning, road):
     module.add_commands(app)
 
 
+_ClickException: type[Exception] = typer.BadParameter.__mro__[2]
+"""What a wrong command line ends in. Some typers carry a click of their own, so the class is that of theirs."""
+
+
 def run() -> int:
     """Run the command line; return its exit code: 0 done, 2 bad input, 1 a failure of ours."""
-    from maglev_offline.console import Talk
-    from maglev_offline.errors import MaglevOfflineError
-
     try:
         code = app(standalone_mode=False)
-        return code if isinstance(code, int) else 0
-    except click.exceptions.Exit as stop:
-        return int(stop.exit_code)
-    except click.ClickException as error:
-        error.show()
-        return int(error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        print("stopped. What was finished is kept; the same command goes on from there.", file=sys.stderr)
-        return 130
-    except MaglevOfflineError as error:
-        talk = Talk(as_json="--json" in sys.argv)
-        talk.fail(error)
-        if talk.as_json:
-            talk.result({"status": "error", "what": error.what, "where": error.where, "todo": error.todo})
-        return error.exit_code
+    except (KeyboardInterrupt, typer.Abort):
+        code = STOPPED
     except Exception as error:
-        if os.environ.get("MAGLEV_OFFLINE_DEBUG"):
-            raise
-        failure = MaglevOfflineError(
-            f"a failure of maglev-offline itself: {type(error).__name__}: {error}.",
-            todo="Nothing half-written was kept. Set MAGLEV_OFFLINE_DEBUG=1 to see where it came from, and report it.",
-        )
-        Talk().fail(failure)
-        return failure.exit_code
+        if type(error).__name__ == "NoArgsIsHelpError":  # the help is the answer, and is on the screen
+            return BAD_INPUT
+        told = _in_words(error)
+        if told is None:
+            if os.environ.get("MAGLEV_OFFLINE_DEBUG"):
+                raise
+            told = MaglevOfflineError(
+                f"a failure of maglev-offline itself: {type(error).__name__}: {error}.",
+                todo="Nothing half-written was kept. "
+                "Set MAGLEV_OFFLINE_DEBUG=1 to see where it came from, and report it.",
+            )
+        return _tell(told)
+    if code == STOPPED:
+        print("stopped. What was finished is kept; the same command goes on from there.", file=sys.stderr)
+    return code if isinstance(code, int) else 0
+
+
+def _in_words(error: Exception) -> MaglevOfflineError | None:
+    """Say what the user can mend in our own words; None for a failure of ours."""
+    if isinstance(error, MaglevOfflineError):
+        return error
+    if isinstance(error, _ClickException):
+        context: Any = getattr(error, "ctx", None)
+        command = context.command_path if context else "maglev-offline"
+        what = cast(Any, error).format_message().rstrip(".")
+        return InputError(f"{what}.", where=command, todo=f"See `{command} --help`.")
+    if isinstance(error, FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError) and error.filename:
+        what = f"it cannot be used ({error.strerror})."
+        return InputError(what, where=str(error.filename), todo="Give another path, or make it readable and writable.")
+    return None
+
+
+def _tell(error: MaglevOfflineError) -> int:
+    """Tell an error to people, and to the script that asked for JSON; return its exit code."""
+    from maglev_offline.console import Talk
+
+    talk = Talk(as_json="--json" in sys.argv)
+    talk.fail(error)
+    if talk.as_json:
+        talk.result({"status": "error", "what": error.what, "where": error.where, "todo": error.todo})
+    return error.exit_code

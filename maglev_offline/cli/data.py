@@ -14,6 +14,7 @@ from maglev_offline.cli.options import (
     WorkspaceOption,
     cores,
     open_session,
+    with_options,
 )
 
 
@@ -44,14 +45,19 @@ def surrogate(
     """Write surrogate logs: simulated PID runs, marked as simulated."""
     from maglev_offline.logs.surrogate import generate
 
-    session = open_session(recipe, workspace, as_json, quiet)
-    given = {"logs": logs, "points": points, "duration_s": duration_s, "seed": seed}
-    settings = session.recipe.surrogate.model_copy(update={k: v for k, v in given.items() if v is not None})
+    session = with_options(
+        open_session(recipe, workspace, as_json, quiet),
+        "surrogate",
+        logs=logs,
+        points=points,
+        duration_s=duration_s,
+        seed=seed,
+    )
     paths = generate(
         output,
         plant=session.recipe.plant,
         mdp=session.recipe.mdp,
-        settings=settings,
+        settings=session.recipe.surrogate,
         truth=truth,
         progress=session.talk,
     )

@@ -1,6 +1,5 @@
 """Commands on learning: control, train, transfer."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,6 +14,7 @@ from maglev_offline.cli.options import (
     WorkspaceOption,
     cores,
     open_session,
+    with_options,
 )
 
 Seeds = Annotated[int | None, typer.Option("--seeds", min=1, help="Seeds in each arm. [default: the recipe's]")]
@@ -25,21 +25,23 @@ def add_commands(app: typer.Typer) -> None:
     """Put the commands on learning into `app`."""
     app.command(epilog="Example: maglev-offline control --recipe pipelines/changsha.toml")(control)
     app.command(epilog="Example: maglev-offline train --algo td3 --arm empty --seeds 4 --steps 5000")(train)
-    app.command(epilog="Example: maglev-offline transfer --seeds 4 --steps 5000")(transfer)
+    app.command(epilog="Example: maglev-offline transfer --seeds 8 --steps 5000")(transfer)
 
 
-def _shortened(recipe: Path | None, workspace: Path, as_json: bool, quiet: bool, **training: int | None) -> Session:
-    """Open the session with fewer (or more) seeds and steps than the recipe says."""
-    from maglev_offline.cli.options import Session
-    from maglev_offline.recipe import parse_recipe
+def _resized(session: Session, seeds: int | None, steps: int | None) -> Session:
+    """The session with other numbers of seeds and steps than the recipe's.
 
-    session = open_session(recipe, workspace, as_json, quiet)
-    given = {key: value for key, value in training.items() if value is not None}
-    if not given:
+    Exploratory steps and evaluations keep their share of the run, so that a short run has as many points on its curve.
+    """
+    session = with_options(session, "training", seeds=seeds)
+    if steps is None:
         return session
-    data = session.recipe.plain()
-    data["training"] |= given
-    return Session(parse_recipe(data, "--seeds, --steps"), session.workspace, session.talk)
+    share = steps / session.recipe.training.steps
+    explore = round(share * session.recipe.training.exploratory_steps)
+    every = max(1, round(share * session.recipe.evaluation.every_steps))
+    session.talk.say(f"{steps:,} steps: the first {explore:,} of them explore, and every {every:,} an evaluation.")
+    session = with_options(session, "evaluation", every_steps=every)
+    return with_options(session, "training", steps=steps, exploratory_steps=explore)
 
 
 def control(
@@ -72,7 +74,7 @@ def train(
     """Train DDPG or TD3 over many seeds in the simulator, from an empty or a prefilled buffer."""
     from maglev_offline import pipeline
 
-    session = _shortened(recipe, workspace, as_json, quiet, seeds=seeds, steps=steps)
+    session = _resized(open_session(recipe, workspace, as_json, quiet), seeds, steps)
     with session.workspace.lock("train"):
         done = pipeline.train(session.recipe, session.workspace, algo, arm, cores(jobs), session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)
@@ -91,7 +93,7 @@ def transfer(
     """Train all arms that are missing, compare them seed by seed, and say whether prefill helps or harms."""
     from maglev_offline import pipeline
 
-    session = _shortened(recipe, workspace, as_json, quiet, seeds=seeds, steps=steps)
+    session = _resized(open_session(recipe, workspace, as_json, quiet), seeds, steps)
     with session.workspace.lock("transfer"):
         done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)

@@ -1,6 +1,6 @@
 """Options that every command shares, and the session that they open."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,6 +49,23 @@ def open_session(recipe: Path | None, workspace: Path, as_json: bool, quiet: boo
     if recipe is None and found.name != "defaults":
         talk.say(f"recipe: {found.name} (remembered by {workspace})")
     return Session(found, Workspace(workspace), talk)
+
+
+def with_options(session: Session, table: str, **given: int | float | None) -> Session:
+    """Put the numbers that were given as options into a table of the recipe, which judges them.
+
+    Raises
+    ------
+    RecipeError: the table cannot hold such a number.
+    """
+    from maglev_offline.recipe import parse_recipe
+
+    numbers = {key: value for key, value in given.items() if value is not None}
+    if not numbers:
+        return session
+    data = session.recipe.plain()
+    data[table] |= numbers
+    return replace(session, recipe=parse_recipe(data, ", ".join(f"--{key.replace('_', '-')}" for key in numbers)))
 
 
 def cores(jobs: int | None) -> int:

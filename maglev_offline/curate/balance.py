@@ -19,7 +19,8 @@ def cells_of(values: NDArray[np.float64], bins: tuple[int, ...], edge_quantile: 
     width = np.where(high > low, high - low, 1.0)
     cell = np.zeros(len(values), dtype=np.int64)
     for d, n in enumerate(bins):
-        index = np.clip(((values[:, d] - low[d]) / width[d] * n).astype(np.int64), 0, n - 1)
+        place = np.clip((values[:, d] - low[d]) / width[d], 0.0, 1.0)
+        index = np.minimum((place * n).astype(np.int64), n - 1)
         cell = cell * n + index
     return cell
 

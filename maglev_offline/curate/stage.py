@@ -50,6 +50,12 @@ def curate(
         return home, False
 
     table = transitions_of(load_samples(folders), plant, mdp)
+    if table.empty:
+        raise ArtefactError(
+            "no two samples follow each other in a segment, so there is no transition.",
+            where=str(workspace.path("samples")),
+            todo="Look at [ingest] longest_bridge_ms against the period of the messages.",
+        )
     reason = unusable(table, mdp)
     candidates = table[reason == ""].reset_index(drop=True)
     if candidates.empty:
@@ -59,6 +65,11 @@ def curate(
             todo="Check the units in [signals], and mdp.voltage_limit_v against the logged voltage.",
         )
     candidates["split"] = _split(candidates["log_id"], settings)
+    if settings.validation_share > 0 and (candidates["split"] == "train").all():
+        progress.warn(
+            f"curate.validation_share = {settings.validation_share:g} of {candidates['log_id'].nunique()} logs is less "
+            "than one log: nothing is held out."
+        )
     candidates["cell"] = _cells(candidates, settings)
     chosen = balanced_choice(
         candidates["cell"].to_numpy(), settings.target_rows, stream(settings.seed, "curate: balance")
@@ -99,9 +110,10 @@ def _cells(table: pd.DataFrame, settings: CurateSettings) -> np.ndarray:
 
 
 def _split(log_id: pd.Series, settings: CurateSettings) -> np.ndarray:
-    """`validation` for a share of the logs, chosen by the seed; neighbouring rows never come apart."""
+    """`validation` for the nearest whole number of logs, chosen by the seed; one log at least remains for training."""
     logs = np.sort(log_id.unique())
-    held_out = stream(settings.seed, "curate: split").permutation(logs)[: int(settings.validation_share * len(logs))]
+    count = min(round(settings.validation_share * len(logs)), len(logs) - 1)
+    held_out = stream(settings.seed, "curate: split").permutation(logs)[:count]
     return np.where(log_id.isin(held_out), "validation", "train")
 
 

@@ -88,7 +88,10 @@ class SignalMap(Settings):
         for name, unit in UNIT_OF_SIGNAL.items():
             signal: Signal | None = getattr(self, name)
             if signal is not None:
-                to_si_factor(signal.unit, unit)
+                try:
+                    to_si_factor(signal.unit, unit)
+                except ValueError as error:
+                    raise ValueError(f"the {name.replace('_', '-')} ({name}): {error}") from None
         for name in self.context:
             if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in COLUMN_OF_SIGNAL.values():
                 raise ValueError(f"context column {name!r} must be a lower-case name of its own, its unit at its end")

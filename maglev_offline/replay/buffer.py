@@ -96,7 +96,14 @@ class ReplayBuffer:
         return min(self.prefilled + self.added, self.capacity)
 
     def sample(self, uniform: NDArray[np.float64]) -> Batch:
-        """Sample with replacement at the draws `uniform` in [0, 1), shape [seeds, batch]."""
+        """Sample with replacement at the draws `uniform` in [0, 1), shape [seeds, batch].
+
+        Raises
+        ------
+        InputError: the buffer is empty.
+        """
+        if not len(self):
+            raise InputError("it is empty.", where="replay buffer", todo="Add rows before sampling.")
         slots = torch.from_numpy((uniform * len(self)).astype(np.int64)).to(self.rows.device)
         packed = self.rows[self._seed_axis, slots]
         return Batch(packed[..., 0:3], packed[..., 3:4], packed[..., 4:5], packed[..., 5:8], packed[..., 8:9])

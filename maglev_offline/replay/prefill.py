@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from maglev_offline import mdp as process
@@ -18,6 +19,9 @@ from maglev_offline.streams import stream
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
 
 Columns = dict[str, NDArray[Any]]
+
+LAYOUT = 2
+"""Version of the file's layout, so that a prefill of an older one is made again. 1 held observations out of order."""
 
 FIELDS = ("observation", "action", "cost", "next_observation", "discount")
 
@@ -50,7 +54,7 @@ def scaled(transitions: pd.DataFrame, mdp: Mdp) -> Columns:
             where="prefill",
             todo="Raise mdp.voltage_limit_v, or curate again with this recipe.",
         )
-    columns = {name: column.astype(np.float32) for name, column in columns.items()}
+    columns = {name: np.ascontiguousarray(column, dtype=np.float32) for name, column in columns.items()}
     columns["terminated"] = terminated
     columns["truncated"] = transitions["truncated"].to_numpy(dtype=bool)
     return columns
@@ -81,12 +85,18 @@ def make_prefill(
         )
     inputs = {"transitions": input_hash(source)}
     home = workspace.path("prefill", algorithm)
-    mark = fingerprint("prefill", inputs, settings, mdp, algorithm=algorithm)
+    mark = fingerprint("prefill", inputs, settings, mdp, algorithm=algorithm, layout=LAYOUT)
     if workspace.is_current(home, mark):
         return home, False
 
-    table = pd.read_parquet(source / "transitions.parquet")
+    table = _read_transitions(source)
     slots = np.flatnonzero(table["split"].to_numpy() == "train")
+    if not len(slots):
+        raise ArtefactError(
+            "none of the curated transitions is for training.",
+            where=str(source),
+            todo="Lower curate.validation_share or raise curate.target_rows, and curate again.",
+        )
     held_out = len(table) - len(slots)
     if settings.rows is not None and settings.rows < len(slots):
         slots = np.sort(stream(settings.seed, "prefill: rows").choice(slots, settings.rows, replace=False))
@@ -103,8 +113,20 @@ def make_prefill(
         "largest_action": float(np.abs(columns["action"]).max()),
     }
     with workspace.commit(home, manifest) as draft:
-        save_file(columns, draft / "prefill.safetensors")
+        # safetensors writes memory as it lies: an array in Fortran order, as pandas gives, comes back scrambled.
+        save_file({k: np.ascontiguousarray(v) for k, v in columns.items()}, draft / "prefill.safetensors")
     return home, True
+
+
+def _read_transitions(source: Path) -> pd.DataFrame:
+    try:
+        return pd.read_parquet(source / "transitions.parquet")
+    except (OSError, ValueError) as error:
+        raise ArtefactError(
+            f"the curated transitions cannot be read ({error}).",
+            where=str(source),
+            todo="Run `maglev-offline curate` again.",
+        ) from None
 
 
 def load_prefill(folder: Path) -> Columns:
@@ -112,7 +134,7 @@ def load_prefill(folder: Path) -> Columns:
 
     Raises
     ------
-    ArtefactError: there is no prefill in `folder`.
+    ArtefactError: there is no prefill in `folder`, or it is damaged.
     """
     path = folder / "prefill.safetensors"
     if not path.is_file():
@@ -121,7 +143,14 @@ def load_prefill(folder: Path) -> Columns:
             where=str(folder),
             todo=f"Run `maglev-offline prefill --algo {folder.name}` first.",
         )
-    columns: Columns = load_file(path)
+    try:
+        columns: Columns = load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise ArtefactError(
+            f"the prefill cannot be read ({error}).",
+            where=str(path),
+            todo=f"Remove the folder and run `maglev-offline prefill --algo {folder.name}` again.",
+        ) from None
     return columns
 
 

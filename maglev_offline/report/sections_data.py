@@ -137,7 +137,7 @@ def _left_out_table(evidence: Evidence, logs: list[Artefact]) -> Table:
 
 
 def trajectories_section(evidence: Evidence, settings: ReportSettings) -> Section:
-    """A stretch of the example log."""
+    """A stretch of each of the first logs, or of the one that the recipe names."""
     section = Section("trajectories", "Trajectories")
     logs = evidence.under("samples")
     if not logs:
@@ -147,9 +147,17 @@ def trajectories_section(evidence: Evidence, settings: ReportSettings) -> Sectio
     named = [log for log in logs if wanted in (log.folder.name, log.facts.get("file"), log.facts.get("log_id"))]
     if wanted is not None and not named:
         section.blocks.append(
-            Paragraph(f"There is no log “{wanted}” in the workspace; the first one is drawn.", "note")
+            Paragraph(f"There is no log “{wanted}” in the workspace; the first ones are drawn.", "note")
         )
-    log = (named or logs)[0]
+    drawn = named[:1] or logs[: settings.example_logs]
+    section.blocks += [_trajectory(number, log, settings) for number, log in enumerate(drawn, start=1)]
+    if not named and len(logs) > len(drawn):
+        section.blocks.append(Paragraph(f"{len(logs) - len(drawn)} more logs are in the workspace."))
+    return section
+
+
+def _trajectory(place: int, log: Artefact, settings: ReportSettings) -> Plot:
+    """A stretch of the first point of a log."""
     samples, quarantine = samples_of(log)
     point = str(samples["point"].iloc[0])
     window = figures_data.trajectory_window(samples, quarantine, point, settings.example_duration_s)
@@ -160,7 +168,7 @@ def trajectories_section(evidence: Evidence, settings: ReportSettings) -> Sectio
     marks = (
         f"Red marks at the foot: {put_aside} quarantined messages and samples."
         if put_aside
-        else ("Nothing was quarantined in this stretch.")
+        else "Nothing was quarantined in this stretch."
     )
     pieces = window.rows["segment"].nunique()
     caption = (
@@ -172,8 +180,7 @@ def trajectories_section(evidence: Evidence, settings: ReportSettings) -> Sectio
         f"Gap, gap velocity, current and voltage of point {point} of {name} from {number(window.start_s)} to "
         f"{number(end)} seconds."
     )
-    section.blocks.append(Plot("trajectory", figures_data.trajectory_figure(window), caption, label))
-    return section
+    return Plot(f"trajectory-{place}", figures_data.trajectory_figure(window), caption, label)
 
 
 def coverage_section(evidence: Evidence) -> Section:

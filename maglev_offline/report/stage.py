@@ -85,7 +85,7 @@ def head_section(evidence: Evidence, *, trains: bool) -> Section:
         head.blocks.append(Paragraph(words.headline(study.facts), "lead"))
         head.blocks += [Paragraph(text) for text in words.answers(study.facts, rows, confidence)]
         comparison = words.classical_sentence(settling_of(evidence))
-        head.blocks.append(Paragraph(f"{words.learned_sentence(study.facts)} {comparison}".strip()))
+        head.blocks.append(Paragraph(f"{words.DIRECTION} {words.learned_sentence(study.facts)} {comparison}".strip()))
     elif not trains:
         text = "The recipe trains no agent: this page shows the logged data and the classical controllers."
         head.blocks.append(Paragraph(text))

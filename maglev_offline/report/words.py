@@ -14,6 +14,8 @@ METRIC_WORDS = {
 }
 """What each metric measures; all of them are better when smaller."""
 
+DIRECTION = "Differences are empty minus prefilled buffer, of costs and steps: a negative one means harm."
+
 METRIC_NAMES = {name: name.replace("_", " ") for name in METRIC_WORDS}
 
 VERDICT_WORDS = {

@@ -23,14 +23,17 @@ from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_has
 
 Array = NDArray[np.float64]
 
+INTERVAL = "BCa, expanded"
+"""How intervals are made; part of the fingerprint, so that a verdict of another rule is judged again."""
+
 METRICS = ("jumpstart", "asymptote", "area", "time_to_threshold")
 
 
 def arms_of(workspace: Workspace, world: World, settings: TransferSettings, prefill: PrefillSettings) -> list[Arm]:
     """The arms of the study, with the prefill artefact of each made where it is missing."""
     arms = []
-    for algorithm in world.training.algorithms:
-        for name in settings.arms:
+    for algorithm in dict.fromkeys(world.training.algorithms):
+        for name in dict.fromkeys(settings.arms):
             folder = None
             if name == "prefill":
                 folder, _ = make_prefill(workspace, algorithm, prefill, world.plant, world.mdp)
@@ -60,11 +63,14 @@ def run_transfer(
             where="[transfer] arms",
             todo='Set arms = ["empty", "prefill"].',
         )
+    if not world.training.algorithms:
+        raise InputError("the recipe trains no algorithm.", where="[training] algorithms", todo="Name ddpg or td3.")
+    _check_windows(world, settings)
     arms = arms_of(workspace, world, settings, prefill)
     folders, _ = train_arms(workspace, arms, world, jobs=jobs, progress=progress)
     inputs = {f"training/{arm.title}/{folder.name}": input_hash(folder) for arm in arms for folder in folders[arm]}
     home = workspace.path("transfer")
-    mark = fingerprint("transfer", inputs, settings, control, world.training, world.evaluation, world.mdp, world.plant)
+    mark = fingerprint("transfer", inputs, settings, control, *world, interval=INTERVAL)
     if workspace.is_current(home, mark):
         return home, False
 
@@ -99,6 +105,20 @@ def run_transfer(
     return home, True
 
 
+def _check_windows(world: World, settings: TransferSettings) -> None:
+    """Refuse, before hours of training, a grid of evaluations that the windows do not fit on."""
+    steps, every = world.training.steps, world.evaluation.every_steps
+    learned = -(-steps // every) - world.training.exploratory_steps // every
+    windows = {name: getattr(settings, name) for name in ("first_evaluations", "last_evaluations", "hold_evaluations")}
+    if learned < max(windows.values()):
+        raise InputError(
+            f"{learned} evaluations after the first gradient step are too few for "
+            f"{', '.join(f'{name} = {n}' for name, n in windows.items())}.",
+            where="[evaluation] every_steps",
+            todo="Evaluate more often, train longer, or shorten the windows in [transfer].",
+        )
+
+
 def seed_metrics(curves: pd.DataFrame, world: World, settings: TransferSettings, threshold: float) -> pd.DataFrame:
     """All metrics of all runs, one row for algorithm, arm and seed. A run that diverged keeps its (bad) costs."""
     rows = []
@@ -106,13 +126,6 @@ def seed_metrics(curves: pd.DataFrame, world: World, settings: TransferSettings,
         costs = group.pivot(index="seed", columns="env_step", values="cost")
         steps, cost = costs.columns.to_numpy(np.int64), costs.to_numpy()
         learned = steps > world.training.exploratory_steps
-        if learned.sum() < max(settings.first_evaluations, settings.last_evaluations):
-            raise InputError(
-                f"{learned.sum()} evaluations after the first gradient step are too few for windows of "
-                f"{settings.first_evaluations} and {settings.last_evaluations}.",
-                where="[evaluation] every_steps",
-                todo="Evaluate more often, train longer, or shorten the windows in [transfer].",
-            )
         time = metrics.time_to_threshold(steps, cost, threshold, settings.hold_evaluations)
         last = group[group["env_step"] == steps[-1]].set_index("seed").loc[costs.index]
         rows.append(
@@ -174,4 +187,4 @@ def _arm_facts(group: pd.DataFrame) -> dict[str, Any]:
 
 def _plain(effect: dict[str, Any]) -> dict[str, Any]:
     """NaN has no place in JSON: a number that one seed cannot give becomes null."""
-    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in effect.items()}
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in effect.items()}

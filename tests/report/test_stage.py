@@ -12,7 +12,7 @@ from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.stage import build_report
 from maglev_offline.workspace import Manifest, Workspace
 
-FIGURES = ("trajectory", "coverage", "prefill", "regulation", "long", "curves", "forest")
+FIGURES = ("trajectory-1", "trajectory-2", "coverage", "prefill", "regulation", "long", "curves", "forest")
 SECTIONS = ("origin", "trajectories", "coverage", "prefill", "regulation", "curves", "verdict", "recipe")
 
 

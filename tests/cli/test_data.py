@@ -1,0 +1,139 @@
+import re
+
+import pandas as pd
+import pytest
+
+from maglev_offline.replay.prefill import load_prefill
+from maglev_offline.workspace import Manifest, Workspace
+
+STEMS = ["surrogate-01-pid-json", "surrogate-02-cascade-cdr", "surrogate-03-pid-protobuf"]
+
+
+def drafts(folder):
+    return [path for path in folder.rglob(".*") if path.name != ".lock"]
+
+
+def hashes(workspace):
+    return {path.relative_to(workspace): path.read_bytes() for path in workspace.rglob("manifest.json")}
+
+
+def test_two_commands_lead_from_logs_to_a_prefill(here, call):
+    ingested = call("ingest", "logs/*.mcap")
+    assert (ingested.code, call("prefill", "--algo", "ddpg").code) == (0, 0)
+    workspace = Workspace(here / "workspace")
+    assert [path.name[:-9] for path in workspace.list("samples")] == STEMS
+    transitions = Manifest.read(workspace.path("transitions"))
+    samples = sum(Manifest.read(path).counts["rows"] for path in workspace.list("samples"))
+    segments = sum(Manifest.read(path).counts["segments"] for path in workspace.list("samples"))
+    assert transitions.counts["pairs"] == samples - segments
+    rows = load_prefill(workspace.path("prefill", "ddpg"))
+    assert len(rows["cost"]) == transitions.counts["transitions"] > 1000
+    assert abs(rows["action"]).max() <= 1
+    table = pd.read_parquet(workspace.path("transitions", "transitions.parquet"))
+    assert rows["observation"][:, 0] == pytest.approx(table["gap_error_m"] / 0.0025, rel=1e-6)
+    assert drafts(here / "workspace") == []
+    assert all(stem in ingested.out for stem in STEMS)
+    assert str(workspace.path("transitions").relative_to(here)) in ingested.out
+
+
+def test_the_same_commands_again_do_nothing(here, call):
+    for _ in range(2):
+        first, second = call("ingest", "logs", "--json"), call("prefill", "--json")
+        before = hashes(here / "workspace")
+    assert {log["status"] for log in first.json["logs"]} == {"skipped"}
+    assert first.json["transitions"]["status"] == "unchanged"
+    assert [one["status"] for one in second.json["prefills"]] == ["unchanged", "unchanged"]
+    assert hashes(here / "workspace") == before
+
+
+def test_two_processes_and_another_workspace_give_the_same_bytes(here, call):
+    assert call("ingest", "logs", "--jobs", 1).code == 0
+    assert call("ingest", here / "logs", "--jobs", 2, "--workspace", here / "other").code == 0
+    assert hashes(here / "workspace") == hashes(here / "other")
+
+
+def test_the_workspace_may_come_from_the_environment(here, call, monkeypatch):
+    monkeypatch.setenv("MAGLEV_OFFLINE_WORKSPACE", str(here / "elsewhere"))
+    assert call("ingest", "logs").code == 0
+    assert (here / "elsewhere/transitions/manifest.json").is_file()
+    assert not (here / "workspace").exists()
+
+
+def test_a_recipe_is_remembered_for_the_commands_that_follow(here, call):
+    assert call("ingest", "logs", "--recipe", "tiny.toml").code == 0
+    later = call("curate", "--json")
+    assert later.json["counts"]["transitions"] == 200
+    assert later.json["status"] == "unchanged"
+    assert "recipe: tiny" in later.err
+
+
+def test_curating_with_another_recipe_makes_the_transitions_anew(here, call):
+    call("ingest", "logs")
+    again = call("curate", "--recipe", "tiny.toml", "--json")
+    assert (again.code, again.json["status"], again.json["counts"]["transitions"]) == (0, "done", 200)
+
+
+def test_looking_at_a_log_shows_its_channels_and_signals_and_writes_nothing(here, call):
+    shown = call("inspect", "logs/*.mcap")
+    assert shown.code == 0
+    assert "/suspension/P1/state" in shown.out
+    assert "gap = gap_mm (mm)" in shown.out
+    assert "SIMULATED" in shown.out
+    assert sorted(path.name for path in here.iterdir()) == ["logs", "tiny.toml"]
+    data = call("inspect", "logs", "--json").json
+    assert [log["simulated"] for log in data["logs"]] == [True] * 3
+
+
+def test_surrogate_logs_depend_on_their_seed_alone(here, call):
+    options = ("--logs", 1, "--points", 1, "--duration-s", 5, "--json")
+    one, same = (call("surrogate", name, *options).json["logs"][0] for name in ("one", "same"))
+    other = call("surrogate", "other", *options, "--seed", 7).json["logs"][0]
+    assert (here / one).read_bytes() == (here / same).read_bytes() != (here / other).read_bytes()
+
+
+@pytest.fixture
+def bad_files(here, mcap_files):
+    """One file of each kind that cannot be used, by name."""
+    whole = (here / f"logs/{STEMS[0]}.mcap").read_bytes()
+    bad = here / "bad"
+    bad.mkdir()
+    (bad / "text.mcap").write_text("this is no MCAP")
+    (bad / "empty.mcap").touch()
+    (bad / "cut.mcap").write_bytes(whole[:60])
+    mcap_files.write(
+        bad / "unmapped.mcap",
+        [mcap_files.Msg("/camera/exposure", 1_700_000_000_000_000_000 + k * 10**8, {"shutter": 1.0}) for k in range(9)],
+    )
+    return bad
+
+
+@pytest.mark.parametrize("name", ["text", "empty", "cut", "unmapped"])
+def test_a_bad_log_is_refused_in_one_paragraph_and_the_others_are_ingested(here, call, bad_files, name):
+    called = call("ingest", "logs", f"bad/{name}.mcap", "--json")
+    assert called.code == 2
+    lines = [line for line in called.err.splitlines() if f"{name}.mcap" in line]
+    assert len(lines) == 1
+    assert "Traceback" not in called.err
+    assert called.json["status"] == "refused"
+    status = {re.sub(r".*/", "", log["file"]): log["status"] for log in called.json["logs"]}
+    assert status == {f"{name}.mcap": "refused", **{f"{stem}.mcap": "ingested" for stem in STEMS}}
+    assert len(Workspace(here / "workspace").list("samples")) == 3
+    assert called.json["transitions"]["status"] == "done"
+    assert drafts(here / "workspace") == []
+
+
+@pytest.mark.parametrize("name", ["text", "empty", "cut", "unmapped"])
+def test_a_bad_log_alone_leaves_nothing_behind(here, call, bad_files, name):
+    called = call("ingest", f"bad/{name}.mcap", "--json")
+    assert called.code == 2
+    assert called.json["transitions"] is None
+    assert called.json["logs"][0]["message"]
+    assert "Traceback" not in called.err
+    assert Workspace(here / "workspace").list("samples") == []
+    assert drafts(here / "workspace") == []
+
+
+def test_bad_logs_are_refused_by_a_look_too(call, bad_files):
+    called = call("inspect", bad_files / "text.mcap", "--json")
+    assert (called.code, called.json["status"], called.json["logs"]) == (2, "refused", [])
+    assert "text.mcap" in called.json["refused"][0]["where"]

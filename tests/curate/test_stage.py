@@ -1,0 +1,167 @@
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.curate.stage import curate
+from maglev_offline.errors import ArtefactError
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
+from maglev_offline.progress import Silent
+from maglev_offline.workspace import Manifest, Workspace
+
+PLANT, MDP = Plant(), Mdp()
+SMALL = CurateSettings(target_rows=100, bins_gap=3, bins_velocity=3, bins_current=3, bins_voltage=3)
+
+
+class Listener(Silent):
+    def __init__(self):
+        self.warnings = []
+
+    def warn(self, text):
+        self.warnings.append(text)
+
+
+@pytest.fixture
+def workspace(tmp_path, put_samples, wandering):
+    found = Workspace(tmp_path / "workspace")
+    for name in ("log-a", "log-b", "log-c", "log-d"):
+        put_samples(found, wandering(name, 80))
+    return found
+
+
+def test_every_pair_of_samples_is_a_candidate_or_left_out_for_a_reason(workspace, put_samples, samples_of):
+    limit = PLANT.equilibrium(0.008).voltage_v + MDP.voltage_limit_v
+    voltage = [24, limit + 1, 24, 24, 24]
+    put_samples(workspace, samples_of([0.008, 0.008, 0.008, 0.008, np.nan], log_id="log-e", voltage_v=voltage))
+    manifest = Manifest.read(curate(workspace, SMALL, PLANT, MDP)[0])
+    assert manifest.counts == {"pairs": 4 * 79 + 4, "candidates": 4 * 79 + 2, "transitions": 100}
+    assert manifest.left_out == {"not_finite": 1, "voltage_outside_limit": 1, "not_selected_by_balance": 218}
+
+
+def test_the_artefact_holds_the_choice_and_all_candidates(workspace):
+    folder, fresh = curate(workspace, SMALL, PLANT, MDP)
+    chosen, all_of_them = (pd.read_parquet(folder / f"{n}.parquet") for n in ("transitions", "candidates"))
+    assert fresh
+    assert len(chosen) == 100
+    key = ["log_id", "point", "segment", "step"]
+    assert not chosen.duplicated(key).any()
+    joined = chosen.merge(all_of_them, how="left", suffixes=("", "_before"), on=key)
+    np.testing.assert_array_equal(joined["cost"], joined["cost_before"])
+    np.testing.assert_array_equal(joined["cell"], joined["cell_before"])
+    assert chosen["weight"].mean() == pytest.approx(1)
+
+
+def test_the_coverage_report_counts_what_is_in_the_tables(workspace):
+    folder, _ = curate(workspace, SMALL, PLANT, MDP)
+    facts = Manifest.read(folder).facts
+    chosen, all_of_them = (pd.read_parquet(folder / f"{n}.parquet") for n in ("transitions", "candidates"))
+    low = all_of_them["cost"].quantile(SMALL.low_cost_quantile)
+    assert facts["low_cost_rows_before"] == (all_of_them["cost"] <= low).sum()
+    assert facts["low_cost_rows_after"] == (chosen["cost"] <= low).sum()
+    assert facts["low_cost_share_kept"] == facts["low_cost_rows_after"] / facts["low_cost_rows_before"]
+    assert facts["occupancy_before"]["occupied_cells"] == all_of_them["cell"].nunique()
+    assert facts["occupancy_after"]["effective_cells"] > facts["occupancy_before"]["effective_cells"]
+    weight = chosen["weight"]
+    assert facts["effective_sample_size"] == pytest.approx(weight.sum() ** 2 / (weight**2).sum())
+    assert facts["mean_cost_after"] == pytest.approx(chosen["cost"].mean())
+
+
+def test_unchanged_samples_and_recipe_are_left_alone(workspace):
+    folder, _ = curate(workspace, SMALL, PLANT, MDP)
+    written = (folder / "manifest.json").stat().st_mtime_ns
+    assert curate(workspace, SMALL, PLANT, MDP) == (folder, False)
+    assert (folder / "manifest.json").stat().st_mtime_ns == written
+
+
+@pytest.mark.parametrize(
+    ("settings", "plant", "mdp"),
+    [
+        (SMALL.model_copy(update={"seed": 1}), PLANT, MDP),
+        (SMALL, Plant(mass_kg=650), MDP),
+        (SMALL, PLANT, Mdp(discount=0.8)),
+    ],
+)
+def test_a_change_of_any_table_of_the_recipe_makes_it_anew(workspace, settings, plant, mdp):
+    curate(workspace, SMALL, PLANT, MDP)
+    assert curate(workspace, settings, plant, mdp)[1]
+
+
+def test_another_log_makes_it_anew(workspace, put_samples, wandering):
+    curate(workspace, SMALL, PLANT, MDP)
+    put_samples(workspace, wandering("log-e", 10))
+    folder, fresh = curate(workspace, SMALL, PLANT, MDP)
+    assert fresh
+    assert Manifest.read(folder).counts["pairs"] == 4 * 79 + 9
+
+
+def test_the_same_inputs_give_the_same_bytes(workspace, tmp_path, put_samples, wandering):
+    other = Workspace(tmp_path / "other")
+    for name in ("log-d", "log-b", "log-a", "log-c"):
+        put_samples(other, wandering(name, 80))
+    folders = [curate(place, SMALL, PLANT, MDP)[0] for place in (workspace, other)]
+    for name in ("transitions.parquet", "candidates.parquet", "manifest.json"):
+        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
+
+
+def test_whole_logs_are_held_out(workspace):
+    settings = SMALL.model_copy(update={"validation_share": 0.5})
+    candidates = pd.read_parquet(curate(workspace, settings, PLANT, MDP)[0] / "candidates.parquet")
+    splits = candidates.groupby("log_id")["split"].unique()
+    assert all(len(split) == 1 for split in splits)
+    assert sorted(split[0] for split in splits) == ["train", "train", "validation", "validation"]
+
+
+def test_the_nearest_whole_number_of_logs_is_held_out_and_one_remains(workspace):
+    for share, logs in ((0.2, 1), (0.3, 1), (0.4, 2), (0.99, 3)):
+        settings = SMALL.model_copy(update={"validation_share": share})
+        candidates = pd.read_parquet(curate(workspace, settings, PLANT, MDP)[0] / "candidates.parquet")
+        assert candidates.loc[candidates["split"] == "validation", "log_id"].nunique() == logs
+
+
+def test_a_share_too_small_for_one_log_is_warned_of(workspace):
+    listener = Listener()
+    settings = SMALL.model_copy(update={"validation_share": 0.05})
+    curate(workspace, settings, PLANT, MDP, progress=listener)
+    assert "nothing is held out" in listener.warnings[0]
+
+
+def test_too_few_transitions_are_all_kept_and_warned_of(workspace):
+    listener = Listener()
+    folder, _ = curate(workspace, CurateSettings(target_rows=1000), PLANT, MDP, progress=listener)
+    assert Manifest.read(folder).counts["transitions"] == 4 * 79
+    assert "only 316 usable transitions for curate.target_rows = 1000" in listener.warnings[0]
+    assert (pd.read_parquet(folder / "transitions.parquet")["weight"] == 1).all()
+
+
+def test_an_empty_workspace_says_what_to_run(tmp_path):
+    with pytest.raises(ArtefactError, match=r"there are no samples.*Run `maglev-offline ingest"):
+        curate(Workspace(tmp_path), SMALL, PLANT, MDP)
+
+
+def test_without_a_usable_transition_the_reasons_are_told_and_nothing_is_left_behind(tmp_path, put_samples, samples_of):
+    workspace = Workspace(tmp_path)
+    put_samples(workspace, samples_of([0.008] * 4, voltage_v=1e4))
+    with pytest.raises(ArtefactError, match=r"no usable transition in 3 pairs .*voltage_outside_limit: 3"):
+        curate(workspace, SMALL, PLANT, MDP)
+    assert not workspace.path("transitions").exists()
+
+
+def test_samples_that_never_follow_each_other_are_told_of(tmp_path, put_samples, samples_of):
+    workspace = Workspace(tmp_path)
+    put_samples(workspace, samples_of([0.008]))
+    with pytest.raises(ArtefactError, match="no two samples follow each other"):
+        curate(workspace, SMALL, PLANT, MDP)
+
+
+def test_the_manifest_is_strict_json_with_the_tables_it_was_made_from(workspace):
+    folder, _ = curate(workspace, SMALL, PLANT, MDP)
+
+    def refuse(name):
+        raise AssertionError(name)
+
+    data = json.loads((folder / "manifest.json").read_text(), parse_constant=refuse)
+    assert data["settings"]["plant"] == PLANT.model_dump(mode="json")
+    assert set(data["inputs"]) == {f"samples/log-{name}" for name in "abcd"}

@@ -1,0 +1,74 @@
+import pytest
+
+from maglev_offline.errors import InputError
+from maglev_offline.ingest.inputs import find_logs
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A current folder with logs: two in `logs`, one below it, one beside, and a file that is no log."""
+    for name in ("logs/b.mcap", "logs/a.mcap", "logs/deep/c.mcap", "d.mcap", "logs/notes.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def names(asked, **options):
+    return [path.as_posix() for path in find_logs(asked, **options)]
+
+
+@pytest.mark.parametrize(
+    ("asked", "found"),
+    [
+        (["d.mcap"], ["d.mcap"]),
+        (["logs"], ["logs/a.mcap", "logs/b.mcap"]),
+        (["logs/*.mcap"], ["logs/a.mcap", "logs/b.mcap"]),
+        (["logs/[ab].mcap"], ["logs/a.mcap", "logs/b.mcap"]),
+        (["**/*.mcap"], ["d.mcap", "logs/a.mcap", "logs/b.mcap", "logs/deep/c.mcap"]),
+        (["log?"], ["logs/a.mcap", "logs/b.mcap"]),
+        (["logs/b.mcap", "d.mcap", "logs/a.mcap"], ["d.mcap", "logs/a.mcap", "logs/b.mcap"]),
+    ],
+)
+@pytest.mark.usefixtures("folder")
+def test_paths_folders_and_patterns_become_a_sorted_list(asked, found):
+    assert names(asked) == found
+
+
+def test_a_log_that_is_named_in_several_ways_is_found_once(folder):
+    assert names(["logs", "logs/a.mcap", "./logs/../logs/a.mcap", str(folder / "logs/b.mcap")]) == [
+        "logs/a.mcap",
+        "logs/b.mcap",
+    ]
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_file_is_taken_as_it_was_named_and_judged_later():
+    assert names(["logs/notes.txt"]) == ["logs/notes.txt"]
+
+
+def test_relative_names_start_from_the_given_folder(folder):
+    home = folder / "pipelines"
+    home.mkdir()
+    assert [path.name for path in find_logs(["../logs/*.mcap"], relative_to=home)] == ["a.mcap", "b.mcap"]
+    assert [path.name for path in find_logs(["../logs"], relative_to=home)] == ["a.mcap", "b.mcap"]
+    assert find_logs([str(folder / "*.mcap")], relative_to=home) == [folder / "d.mcap"]
+
+
+def test_brackets_in_a_name_are_no_pattern_where_the_file_is_there(folder):
+    (folder / "run[1]").mkdir()
+    (folder / "run[1]/log[2].mcap").touch()
+    assert names(["run[1]/log[2].mcap"]) == ["run[1]/log[2].mcap"]
+    assert [path.name for path in find_logs(["*.mcap"], relative_to=folder / "run[1]")] == ["log[2].mcap"]
+
+
+@pytest.mark.parametrize("asked", ["none.mcap", "none/*.mcap", "logs/deep/none", "empty"])
+def test_what_is_not_there_is_named(folder, asked):
+    (folder / "empty").mkdir()
+    with pytest.raises(InputError, match=rf"^{asked.replace('*', '.')}: no MCAP file is there\. Give paths"):
+        find_logs(["d.mcap", asked])
+
+
+def test_nothing_asked_for_is_told_of():
+    with pytest.raises(InputError, match="no logs were named"):
+        find_logs([])

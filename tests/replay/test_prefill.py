@@ -1,0 +1,148 @@
+import numpy as np
+import pytest
+
+from maglev_offline.errors import ArtefactError, InputError
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
+from maglev_offline.replay.buffer import ReplayBuffer
+from maglev_offline.replay.prefill import load_prefill, make_prefill, packed, scaled
+from maglev_offline.replay.settings import PrefillSettings
+from maglev_offline.workspace import Manifest, Workspace
+
+PLANT, MDP, ALL = Plant(), Mdp(), PrefillSettings()
+
+
+def test_columns_are_the_transitions_over_their_scales(transitions):
+    mdp = Mdp(
+        gap_scale_m=0.004, velocity_scale_m_s=0.1, current_scale_a=5.0, voltage_limit_v=250, discount=0.95,
+        control_period_ms=10,
+    )  # fmt: skip
+    found = scaled(transitions, mdp)
+    for row in range(len(transitions)):
+        one = transitions.iloc[row]
+        seen = [one["gap_error_m"] / 0.004, one["gap_velocity_m_s"] / 0.1, one["current_error_a"] / 5]
+        then = [one["next_gap_error_m"] / 0.004, one["next_gap_velocity_m_s"] / 0.1, one["next_current_error_a"] / 5]
+        np.testing.assert_allclose(found["observation"][row], seen, rtol=1e-6)
+        np.testing.assert_allclose(found["next_observation"][row], then, rtol=1e-6)
+        assert found["action"][row] == pytest.approx(one["voltage_deviation_v"] / 250, rel=1e-6)
+        assert found["cost"][row] == pytest.approx(one["cost"], rel=1e-6)
+        assert found["discount"][row] == pytest.approx(0.0 if one["terminated"] else 0.95)
+
+
+def test_only_a_terminated_row_cuts_the_discount(transitions):
+    found = scaled(transitions, MDP)
+    np.testing.assert_array_equal(found["discount"] == 0, transitions["terminated"])
+    assert (transitions["truncated"] & ~transitions["terminated"]).any()
+    np.testing.assert_array_equal(found["truncated"], transitions["truncated"])
+
+
+def test_an_action_beyond_the_limit_is_refused_with_the_number(transitions):
+    with pytest.raises(InputError, match=r"times the voltage limit of 100 V.*mdp.voltage_limit_v"):
+        scaled(transitions, Mdp(voltage_limit_v=100))
+
+
+@pytest.mark.parametrize("column", ["gap_error_m", "voltage_deviation_v", "cost", "next_current_error_a"])
+def test_a_value_that_is_not_finite_is_refused(transitions, column):
+    table = transitions.copy()
+    table.loc[7, column] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        scaled(table, MDP)
+
+
+def test_the_artefact_comes_back_as_it_was_made(transitions, put_transitions):
+    folder, fresh = make_prefill(put_transitions(transitions), "ddpg", ALL, PLANT, MDP)
+    found = load_prefill(folder)
+    training = transitions[transitions["split"] == "train"]
+    assert fresh
+    np.testing.assert_array_equal(found["transition_row"], training.index)
+    expected = scaled(training, MDP)
+    assert set(found) == {*expected, "transition_row"}
+    for name, column in expected.items():
+        assert found[name].dtype == column.dtype
+        np.testing.assert_array_equal(found[name], column)
+
+
+def test_packed_rows_fill_the_first_slots_of_a_buffer_in_order(transitions, put_transitions):
+    folder, _ = make_prefill(put_transitions(transitions), "td3", ALL, PLANT, MDP)
+    columns = load_prefill(folder)
+    buffer = ReplayBuffer(2, 200)
+    buffer.prefill(packed(columns))
+    batch = buffer.sample(np.tile((np.arange(90) + 0.5) / 90, (2, 1)))
+    for seed in range(2):
+        for name in ("observation", "next_observation"):
+            np.testing.assert_array_equal(getattr(batch, name)[seed].numpy(), columns[name])
+        for name in ("action", "cost", "discount"):
+            np.testing.assert_array_equal(getattr(batch, name)[seed, :, 0].numpy(), columns[name])
+
+
+def test_every_transition_is_a_row_or_left_out_for_a_reason(transitions, put_transitions):
+    folder, _ = make_prefill(put_transitions(transitions), "ddpg", PrefillSettings(rows=30), PLANT, MDP)
+    manifest = Manifest.read(folder)
+    assert manifest.counts == {"transitions": 100, "rows": 30}
+    assert manifest.left_out == {"held_out_for_validation": 10, "over_prefill_rows": 60}
+    assert manifest.facts["mean_cost"] == pytest.approx(load_prefill(folder)["cost"].mean())
+
+
+def test_a_subset_of_rows_is_drawn_by_its_seed(transitions, put_transitions):
+    def rows(seed):
+        workspace = put_transitions(transitions)
+        return load_prefill(make_prefill(workspace, "ddpg", PrefillSettings(rows=30, seed=seed), PLANT, MDP)[0])
+
+    first, again, other = (rows(seed)["transition_row"] for seed in (0, 0, 1))
+    assert (np.diff(first) > 0).all()
+    assert (transitions.loc[first, "split"] == "train").all()
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_unchanged_transitions_are_left_alone_and_changed_ones_are_not(transitions, put_transitions):
+    workspace = put_transitions(transitions)
+    folder, _ = make_prefill(workspace, "ddpg", ALL, PLANT, MDP)
+    assert make_prefill(workspace, "ddpg", ALL, PLANT, MDP) == (folder, False)
+    assert make_prefill(workspace, "ddpg", PrefillSettings(rows=5), PLANT, MDP)[1]
+    put_transitions(transitions.iloc[:50])
+    assert make_prefill(workspace, "ddpg", PrefillSettings(rows=5), PLANT, MDP)[1]
+
+
+def test_the_same_transitions_give_the_same_bytes(transitions, put_transitions):
+    folders = [
+        make_prefill(put_transitions(transitions), algorithm, ALL, PLANT, MDP)[0] for algorithm in ("ddpg", "td3")
+    ]
+    assert folders[0].name == "ddpg"
+    assert (folders[0] / "prefill.safetensors").read_bytes() == (folders[1] / "prefill.safetensors").read_bytes()
+
+
+@pytest.mark.parametrize(("plant", "mdp"), [(Plant(mass_kg=600), MDP), (PLANT, Mdp(discount=0.8))])
+def test_transitions_of_another_plant_or_process_are_refused(transitions, put_transitions, plant, mdp):
+    workspace = put_transitions(transitions)
+    with pytest.raises(ArtefactError, match=r"another \[plant\] or \[mdp\].*Run `maglev-offline curate`"):
+        make_prefill(workspace, "ddpg", ALL, plant, mdp)
+    assert not workspace.path("prefill", "ddpg").exists()
+
+
+def test_an_empty_workspace_says_what_to_run(tmp_path):
+    with pytest.raises(ArtefactError, match=r"no curated transitions.*Run `maglev-offline ingest"):
+        make_prefill(Workspace(tmp_path), "ddpg", ALL, PLANT, MDP)
+
+
+def test_transitions_that_are_all_held_out_are_refused(transitions, put_transitions):
+    with pytest.raises(ArtefactError, match="none of the curated transitions is for training"):
+        make_prefill(put_transitions(transitions.assign(split="validation")), "ddpg", ALL, PLANT, MDP)
+
+
+@pytest.mark.parametrize("damage", ["cut", "gone"])
+def test_damaged_transitions_are_told_of(transitions, put_transitions, damage):
+    workspace = put_transitions(transitions)
+    path = workspace.path("transitions", "transitions.parquet")
+    path.write_bytes(path.read_bytes()[:100]) if damage == "cut" else path.unlink()
+    with pytest.raises(ArtefactError, match=r"cannot be read.*curate` again"):
+        make_prefill(workspace, "ddpg", ALL, PLANT, MDP)
+
+
+def test_a_missing_or_damaged_prefill_is_told_of(transitions, put_transitions, tmp_path):
+    with pytest.raises(ArtefactError, match=r"there is no prefill.*--algo td3"):
+        load_prefill(tmp_path / "td3")
+    folder, _ = make_prefill(put_transitions(transitions), "ddpg", ALL, PLANT, MDP)
+    (folder / "prefill.safetensors").write_bytes(b"\x08")
+    with pytest.raises(ArtefactError, match="cannot be read"):
+        load_prefill(folder)

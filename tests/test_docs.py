@@ -1,0 +1,65 @@
+"""What the documents promise: their commands run as they stand, and their links lead somewhere."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), ROOT / "data_raw" / "README.md"])
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), flags=re.S | re.M)
+
+
+@pytest.fixture(scope="module")
+def folder_with_logs(tmp_path_factory):
+    """An empty folder with logs in it, as the README supposes, and the project's commands on the path."""
+    folder = tmp_path_factory.mktemp("reader")
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    environment.pop("MAGLEV_OFFLINE_WORKSPACE", None)
+
+    def run(script: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", script], cwd=folder, env=environment, capture_output=True, text=True
+        )
+
+    made = run("maglev-offline surrogate logs --logs 2 --points 2 --duration-s 60")
+    assert made.returncode == 0, made.stderr
+    return run
+
+
+def test_every_command_of_the_readme_runs_in_the_order_in_which_it_is_read(folder_with_logs):
+    scripts = blocks(ROOT / "README.md", "sh")
+    assert any("ingest logs/*.mcap" in script for script in scripts)
+    for script in scripts:
+        done = folder_with_logs(script)
+        assert done.returncode == 0, f"{script}\n{done.stderr}"
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_to_files_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+        if "://" not in target:
+            assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_recipes_and_make_targets_that_are_named_exist(page):
+    text = page.read_text(encoding="utf-8")
+    for recipe in re.findall(r"pipelines/[\w-]+\.toml", text):
+        assert (ROOT / recipe).is_file(), recipe
+    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.M)
+    for target in re.findall(r"`?\bmake ([a-z]+)\b", "\n".join(re.findall(r"`[^`]+`|^make .*", text, flags=re.M))):
+        assert target in targets, target
+
+
+def test_ci_calls_the_test_command_of_the_readme():
+    commands = "\n".join(blocks(ROOT / "README.md", "console"))
+    assert "make test" in commands
+    assert "make test" in (ROOT / ".ci" / "run").read_text()

@@ -1,0 +1,64 @@
+from pathlib import Path
+
+import pytest
+
+from maglev_offline.ingest.inputs import find_logs
+from maglev_offline.recipe import load_recipe
+
+FOLDER = Path(__file__).parents[1] / "pipelines"
+RECIPES = sorted(FOLDER.glob("*.toml"))
+
+
+def test_the_three_recipes_are_there():
+    assert [path.stem for path in RECIPES] == ["changsha", "levitator", "quickstart"]
+
+
+@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+def test_every_recipe_loads_and_says_what_it_is(path):
+    recipe = load_recipe(path)
+    assert recipe.name == path.stem
+    assert recipe.description
+
+
+@pytest.mark.parametrize("name", ["changsha", "quickstart"])
+def test_recipes_on_bundled_logs_find_them(name):
+    assert len(find_logs(load_recipe(FOLDER / f"{name}.toml").logs, relative_to=FOLDER)) == 3
+
+
+@pytest.fixture(scope="module")
+def changsha():
+    return load_recipe(FOLDER / "changsha.toml")
+
+
+def test_the_published_plant(changsha):
+    plant = changsha.plant
+    assert (plant.mass_kg, plant.coil_turns, plant.pole_area_m2, plant.resistance_ohm) == (700, 450, 0.024, 1.2)
+    assert plant.set_point_m == 0.008
+
+
+def test_the_published_process(changsha):
+    mdp = changsha.mdp
+    assert (mdp.plant_step_ms, mdp.control_period_ms, mdp.integrator) == (1, 1, "euler")
+    assert mdp.decisions_per_episode == 500
+    assert mdp.force_noise_std_n**2 == 2.5e5
+    assert mdp.start_gap_m == (0.015, 0.015)
+
+
+def test_the_published_pid(changsha):
+    gains = changsha.control.pid
+    assert (gains.kp, gains.kd, gains.ki) == (3100, 310, 300)
+
+
+def test_the_published_learning(changsha):
+    training = changsha.training
+    assert training.algorithms == ("ddpg", "td3")
+    assert training.hidden == (40, 40)
+    assert training.batch_norm_actor
+    assert (training.batch_size, training.buffer_capacity) == (100, 1_000_000)
+    assert (training.exploration_std, training.smoothing_std, training.smoothing_clip) == (0.1, 0.2, 0.5)
+    assert (training.policy_delay, training.steps, training.exploratory_steps) == (2, 500_000, 10_000)
+
+
+def test_the_published_number_of_logged_rows(changsha):
+    assert changsha.curate.target_rows == 10_000
+    assert changsha.prefill.rows is None

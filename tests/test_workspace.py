@@ -1,0 +1,225 @@
+import json
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from maglev_offline import workspace as module
+from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
+from maglev_offline.mdp import Mdp
+from maglev_offline.replay.settings import PrefillSettings
+from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash, package_versions, sha256_of
+
+HOLDER = """
+import sys
+from pathlib import Path
+from maglev_offline.workspace import Workspace
+with Workspace(Path(sys.argv[1])).lock("train"):
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    return Workspace(tmp_path / "workspace")
+
+
+def put(workspace, text, *parts, mark="mark"):
+    home = workspace.path(*parts)
+    with workspace.commit(home, Manifest("/".join(parts), mark, {})) as draft:
+        (draft / "part").mkdir()
+        (draft / "data.txt").write_text(text)
+        (draft / "part/more.txt").write_text(text * 2)
+    return home
+
+
+def test_an_artefact_is_its_files_and_a_manifest_with_their_hashes(workspace):
+    home = put(workspace, "abc", "samples", "log-a")
+    manifest = Manifest.read(home)
+    assert manifest.files == {
+        "data.txt": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad",
+        "part/more.txt": sha256_of(home / "part/more.txt"),
+    }
+    assert manifest.versions == package_versions()
+    assert {p.name for p in home.iterdir()} == {"data.txt", "part", "manifest.json"}
+
+
+def test_the_same_content_gives_the_same_manifest(workspace, tmp_path):
+    one, other = put(workspace, "abc", "a"), put(Workspace(tmp_path / "other"), "abc", "a")
+    assert (one / "manifest.json").read_bytes() == (other / "manifest.json").read_bytes()
+    assert input_hash(one) == input_hash(other) != input_hash(put(workspace, "abd", "a"))
+
+
+def test_the_body_may_fill_in_the_manifest(workspace):
+    manifest = Manifest("a", "mark", {})
+    with workspace.commit(workspace.path("a"), manifest):
+        manifest.counts["rows"] = 7
+    assert Manifest.read(workspace.path("a")).counts == {"rows": 7}
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_body_that_fails_leaves_the_old_artefact_and_no_draft(workspace, error):
+    home = put(workspace, "old", "a")
+    before = (home / "manifest.json").read_bytes()
+
+    def fail():
+        with workspace.commit(home, Manifest("a", "new", {})) as draft:
+            (draft / "data.txt").write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert (home / "data.txt").read_text() == "old"
+    assert (home / "manifest.json").read_bytes() == before
+    assert [p.name for p in workspace.root.iterdir()] == ["a"]
+
+
+def test_a_number_that_json_does_not_know_is_no_artefact(workspace):
+    manifest = Manifest("a", "mark", {}, facts={"cost": float("nan")})
+    with pytest.raises(ValueError, match="JSON"), workspace.commit(workspace.path("a"), manifest):
+        pass
+    assert list(workspace.root.iterdir()) == []
+
+
+def test_a_failure_while_putting_in_place_brings_the_old_artefact_back(workspace, monkeypatch):
+    home = put(workspace, "old", "a")
+    rename = type(home).rename
+
+    def fail_for_drafts(self, target):
+        if self.name.endswith(".draft"):
+            raise OSError("no space")
+        return rename(self, target)
+
+    monkeypatch.setattr(type(home), "rename", fail_for_drafts)
+    with pytest.raises(OSError, match="no space"):
+        put(workspace, "new", "a")
+    assert (home / "data.txt").read_text() == "old"
+    assert [p.name for p in workspace.root.iterdir()] == ["a"]
+
+
+def test_the_draft_of_a_killed_command_is_swept_away(workspace):
+    workspace.path(".a.draft").mkdir(parents=True)
+    workspace.path(".a.draft", "half.txt").write_text("half")
+    home = put(workspace, "whole", "a")
+    assert [p.name for p in workspace.root.iterdir()] == ["a"]
+    assert not (home / "half.txt").exists()
+
+
+def test_an_artefact_is_current_only_whole_and_from_the_same_inputs(workspace):
+    home = put(workspace, "abc", "a")
+    assert workspace.is_current(home, "mark")
+    assert not workspace.is_current(home, "other")
+    assert not workspace.is_current(workspace.path("b"), "mark")
+    (home / "part/more.txt").unlink()
+    assert not workspace.is_current(home, "mark")
+
+
+def test_a_list_holds_whole_artefacts_in_order_of_their_names(workspace):
+    for name in ("b", "a", "c"):
+        put(workspace, name, "samples", name)
+    workspace.path("samples", ".d.draft").mkdir()
+    workspace.path("samples", "e").mkdir()
+    workspace.path("samples", "c", "manifest.json").unlink()
+    assert [p.name for p in workspace.list("samples")] == ["a", "b"]
+    assert workspace.list("prefill") == []
+
+
+def test_an_artefact_of_another_schema_is_refused(workspace):
+    home = put(workspace, "abc", "a")
+    data = json.loads((home / "manifest.json").read_text()) | {"schema": 99}
+    (home / "manifest.json").write_text(json.dumps(data))
+    with pytest.raises(ArtefactError, match="has schema 99, this version reads 1"):
+        Manifest.read(home)
+    assert not workspace.is_current(home, "mark")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": 1}', '{"schema": 1, "colour": 3}', "\xff"])
+def test_a_damaged_manifest_is_told_of(workspace, text):
+    home = put(workspace, "abc", "a")
+    (home / "manifest.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ArtefactError, match="manifest cannot be read"):
+        Manifest.read(home)
+
+
+def test_a_missing_artefact_says_to_run_its_stage(workspace, tmp_path):
+    (tmp_path / "file").touch()
+    for folder in (workspace.path("a"), tmp_path / "file"):
+        with pytest.raises(ArtefactError, match=r"no such artefact.*Run the stage"):
+            Manifest.read(folder)
+
+
+def test_a_second_process_is_told_who_holds_the_workspace(workspace):
+    command = [sys.executable, "-c", HOLDER, str(workspace.root)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout.readline() == "locked\n"
+        with (
+            pytest.raises(WorkspaceLocked, match=rf"`maglev-offline train` \(process {holder.pid}\)"),
+            workspace.lock("run"),
+        ):
+            pass
+        holder.communicate()
+    with workspace.lock("run"):
+        assert "maglev-offline run" in (workspace.root / ".lock").read_text()
+
+
+def test_the_lock_is_given_back_after_a_failure(workspace):
+    with pytest.raises(ValueError, match="inside"), workspace.lock("train"):
+        raise ValueError("inside")
+    assert (workspace.root / ".lock").read_text() == ""
+    with workspace.lock("train"):
+        pass
+
+
+def test_a_workspace_that_is_a_file_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    for root in (tmp_path / "file", tmp_path / "file/inside"):
+        with pytest.raises(InputError, match="a workspace is a folder"), Workspace(root).lock("train"):
+            pass
+
+
+DEFAULTS = (Mdp(), PrefillSettings())
+
+
+def mark(stage="train", inputs=(("log", "1"),), settings=DEFAULTS, **options):
+    return fingerprint(stage, dict(inputs), *settings, **options)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"stage": "curate"},
+        {"inputs": (("log", "2"),)},
+        {"inputs": (("other", "1"),)},
+        {"inputs": ()},
+        {"settings": (Mdp(discount=0.8), PrefillSettings())},
+        {"settings": (Mdp(), PrefillSettings(seed=1))},
+        {"settings": (Mdp(),)},
+        {"settings": (Mdp(), CurateSettings())},
+        {"seeds": [1]},
+        {"algorithm": "td3"},
+    ],
+)
+def test_a_fingerprint_depends_on_each_argument(changes):
+    assert mark(**changes) != mark()
+
+
+def test_a_fingerprint_depends_on_the_version_and_the_schema(monkeypatch):
+    before = mark()
+    monkeypatch.setattr(module, "__version__", "99")
+    other_version = mark()
+    monkeypatch.setattr(module, "SCHEMA", 99)
+    assert len({before, other_version, mark()}) == 3
+
+
+@given(st.permutations([Mdp(), PrefillSettings(), CurateSettings()]))
+def test_a_fingerprint_does_not_depend_on_the_order_of_its_tables(tables):
+    assert mark(settings=tables) == mark(settings=(CurateSettings(), Mdp(), PrefillSettings()))
+
+
+def test_two_tables_of_one_kind_would_hide_each_other_and_are_refused():
+    with pytest.raises(ValueError, match="one kind"):
+        mark(settings=(Mdp(), Mdp(discount=0.8)))
