@@ -12,9 +12,9 @@ from maglev_offline.agents.stage import Arm, load_curves, train_arms
 from maglev_offline.control.stage import run_control
 from maglev_offline.curate.stage import curate as run_curate
 from maglev_offline.errors import ArtefactError, InputError
-from maglev_offline.ingest.store import LogOutcome, ingest_logs
+from maglev_offline.ingest.store import LogOutcome, ingest_logs, samples_made_with
 from maglev_offline.progress import Progress
-from maglev_offline.recipe import Recipe, remember
+from maglev_offline.recipe import Recipe
 from maglev_offline.replay.prefill import make_prefill
 from maglev_offline.workspace import Manifest, Workspace
 
@@ -110,7 +110,6 @@ def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
 
 def ingest(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress) -> Ingested:
     """Ingest logs, then curate the transitions of all logs in the workspace."""
-    remember(workspace.root, recipe)
     result = ingest_logs(
         logs,
         workspace,
@@ -125,9 +124,23 @@ def ingest(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, pr
 
 
 def curate(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
-    """Curate transitions from the samples in the workspace."""
-    remember(workspace.root, recipe)
-    folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, progress=progress)
+    """Curate transitions from those samples in the workspace that this recipe made.
+
+    Raises
+    ------
+    ArtefactError: there are no samples, or only such as another recipe made.
+    """
+    folders, others = samples_made_with(workspace, signals=recipe.signals, settings=recipe.ingest, plant=recipe.plant)
+    if others:
+        text = (
+            f"samples of {len(others)} of {len(folders) + len(others)} logs were made with other [signals], [ingest] or"
+        )
+        text += f" [plant] than this recipe has ({', '.join(folder.name for folder in others[:3])}, ...)"
+        todo = "Ingest those logs again with this recipe."
+        if not folders:
+            raise ArtefactError(f"{text}.", where=str(workspace.path("samples")), todo=todo)
+        progress.warn(f"{text} and are left out. {todo}")
+    folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
     manifest = Manifest.read(folder)
     before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
     return Done(

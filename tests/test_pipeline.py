@@ -6,7 +6,7 @@ from maglev_offline.errors import ArtefactError, InputError
 from maglev_offline.ingest.store import LogOutcome
 from maglev_offline.pipeline import Done, Ingested
 from maglev_offline.progress import SILENT
-from maglev_offline.recipe import Recipe, recall
+from maglev_offline.recipe import Recipe
 from maglev_offline.workspace import Workspace
 
 
@@ -43,13 +43,6 @@ def test_ingestion_is_refused_where_one_log_is(tmp_path):
     assert mixed.plain()["status"] == "refused"
     assert mixed.rows()[0] == ["ingested.mcap", "ingested", "-", "-", "-", "1,200", "-"]
     assert all(len(row) == len(pipeline.LOG_COLUMNS) for row in mixed.rows())
-
-
-def test_the_recipe_of_an_ingestion_is_remembered(tmp_path):
-    recipe = Recipe(name="own")
-    (tmp_path / "bad.mcap").write_text("no MCAP")
-    pipeline.ingest(recipe, Workspace(tmp_path / "w"), [tmp_path / "bad.mcap"], 1, SILENT)
-    assert recall(tmp_path / "w") == recipe
 
 
 def test_an_arm_that_is_not_known_is_refused(tmp_path):

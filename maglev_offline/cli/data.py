@@ -117,7 +117,7 @@ def ingest(
     from maglev_offline.ingest.inputs import find_logs
 
     session = open_session(recipe, workspace, as_json, quiet)
-    with session.workspace.lock("ingest"):
+    with session.at_work("ingest"):
         done = pipeline.ingest(session.recipe, session.workspace, find_logs(logs), cores(jobs), session.talk)
     session.talk.table("Logs", list(pipeline.LOG_COLUMNS), done.rows())
     session.talk.result(done.plain(), *done.lines())
@@ -135,7 +135,7 @@ def curate(
     from maglev_offline import pipeline
 
     session = open_session(recipe, workspace, as_json, quiet)
-    with session.workspace.lock("curate"):
+    with session.at_work("curate"):
         done = pipeline.curate(session.recipe, session.workspace, session.talk)
     session.talk.result(done.plain(), *done.lines())
 
@@ -151,7 +151,7 @@ def prefill(
     from maglev_offline import pipeline
 
     session = open_session(recipe, workspace, as_json, quiet)
-    with session.workspace.lock("prefill"):
+    with session.at_work("prefill"):
         done = [
             pipeline.prefill(session.recipe, session.workspace, algorithm)
             for algorithm in pipeline.algorithms(session.recipe, algo)

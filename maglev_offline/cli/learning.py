@@ -54,7 +54,7 @@ def control(
     from maglev_offline import pipeline
 
     session = open_session(recipe, workspace, as_json, quiet)
-    with session.workspace.lock("control"):
+    with session.at_work("control"):
         done = pipeline.control(session.recipe, session.workspace, session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
@@ -75,7 +75,7 @@ def train(
     from maglev_offline import pipeline
 
     session = _resized(open_session(recipe, workspace, as_json, quiet), seeds, steps)
-    with session.workspace.lock("train"):
+    with session.at_work("train"):
         done = pipeline.train(session.recipe, session.workspace, algo, arm, cores(jobs), session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
@@ -94,7 +94,7 @@ def transfer(
     from maglev_offline import pipeline
 
     session = _resized(open_session(recipe, workspace, as_json, quiet), seeds, steps)
-    with session.workspace.lock("transfer"):
+    with session.at_work("transfer"):
         done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())

@@ -1,5 +1,7 @@
 """Options that every command shares, and the session that they open."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -31,11 +33,22 @@ HERE = Path("workspace")
 
 @dataclass(frozen=True)
 class Session:
-    """What a command works with."""
+    """What a command works with. `given`: the recipe of the command line, without what its options change."""
 
     recipe: "Recipe"
     workspace: "Workspace"
     talk: "Talk"
+    given: "Recipe | None"
+
+    @contextmanager
+    def at_work(self, command: str) -> Iterator[None]:
+        """Hold the workspace, and let it remember the recipe that it is given."""
+        from maglev_offline.recipe import remember
+
+        with self.workspace.lock(command):
+            if self.given is not None:
+                remember(self.workspace.root, self.given)
+            yield
 
 
 def open_session(recipe: Path | None, workspace: Path, as_json: bool, quiet: bool) -> Session:
@@ -48,7 +61,7 @@ def open_session(recipe: Path | None, workspace: Path, as_json: bool, quiet: boo
     talk = Talk(as_json=as_json, quiet=quiet)
     if recipe is None and found.name != "defaults":
         talk.say(f"recipe: {found.name} (remembered by {workspace})")
-    return Session(found, Workspace(workspace), talk)
+    return Session(found, Workspace(workspace), talk, found if recipe is not None else None)
 
 
 def with_options(session: Session, table: str, **given: int | float | None) -> Session:

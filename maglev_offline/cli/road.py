@@ -33,7 +33,7 @@ def report(
     from maglev_offline import pipeline
 
     session = open_session(recipe, workspace, as_json, quiet)
-    with session.workspace.lock("report"):
+    with session.at_work("report"):
         done = pipeline.report(session.recipe, session.workspace, session.talk)
     session.talk.result(done.plain(), *done.lines())
 
@@ -56,7 +56,7 @@ def run(
         raise typer.BadParameter("give a recipe: maglev-offline run pipelines/quickstart.toml", param_hint="RECIPE")
     session = open_session(chosen, workspace, as_json, quiet)
     paths = find_logs(logs) if logs else find_logs(session.recipe.logs, relative_to=chosen.parent)
-    with session.workspace.lock("run"):
+    with session.at_work("run"):
         done = pipeline.run(session.recipe, session.workspace, paths, cores(jobs), session.talk)
     session.talk.result(done.plain(), *done.lines())
     if done.refused:

@@ -1,5 +1,6 @@
 """The stage: samples in the workspace -> the curated transitions, with a report of what balance changed."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +26,17 @@ from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_has
 
 
 def curate(
-    workspace: Workspace, settings: CurateSettings, plant: Plant, mdp: Mdp, *, progress: Progress = SILENT
+    workspace: Workspace,
+    settings: CurateSettings,
+    plant: Plant,
+    mdp: Mdp,
+    *,
+    folders: Sequence[Path] | None = None,
+    progress: Progress = SILENT,
 ) -> tuple[Path, bool]:
-    """Make the `transitions` artefact from all samples; return its folder and whether anything was done.
+    """Make the `transitions` artefact from samples; return its folder and whether anything was done.
+
+    `folders`: the samples artefacts to take; all of the workspace, where it is not given.
 
     The folder holds `transitions.parquet` (the curated set) and `candidates.parquet` (every usable transition, with
     its cell), so that nothing that balance left out is lost.
@@ -36,7 +45,7 @@ def curate(
     ------
     ArtefactError: there are no samples, or no usable transition in them.
     """
-    folders = workspace.list("samples")
+    folders = workspace.list("samples") if folders is None else folders
     if not folders:
         raise ArtefactError(
             "there are no samples in the workspace.",

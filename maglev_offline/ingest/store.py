@@ -22,7 +22,7 @@ from maglev_offline.progress import SILENT, Progress
 from maglev_offline.tables import write_parquet
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, sha256_of
 
-__all__ = ["KIND", "IngestResult", "LogOutcome", "ingest_logs", "load_samples", "log_id_of"]
+__all__ = ["KIND", "IngestResult", "LogOutcome", "ingest_logs", "load_samples", "log_id_of", "samples_made_with"]
 
 KIND = "samples"
 """The kind of artefact, and its folder in the workspace."""
@@ -61,6 +61,27 @@ class IngestResult:
     def refused(self) -> tuple[LogOutcome, ...]:
         """The logs that could not be used."""
         return tuple(log for log in self.logs if log.status == "refused")
+
+
+def samples_made_with(
+    workspace: Workspace, *, signals: SignalMap | None, settings: IngestSettings, plant: Plant
+) -> tuple[list[Path], list[Path]]:
+    """Folders of the samples that these settings made, and of those that others made and that do not go with them."""
+    wanted = _tables(signals, settings, plant)
+    folders = workspace.list(KIND)
+    fits = [Manifest.read(folder).settings == wanted for folder in folders]
+    return (
+        [folder for folder, fit in zip(folders, fits, strict=True) if fit],
+        [folder for folder, fit in zip(folders, fits, strict=True) if not fit],
+    )
+
+
+def _tables(signals: SignalMap | None, settings: IngestSettings, plant: Plant) -> dict[str, object]:
+    return {
+        "ingest": settings.model_dump(mode="json"),
+        "plant": plant.model_dump(mode="json"),
+        "signals": signals.model_dump(mode="json") if signals is not None else None,
+    }
 
 
 def log_id_of(path: Path, sha256: str) -> str:
@@ -165,11 +186,7 @@ def _ingest_one(
         counts=made.counts,
         left_out=made.left_out,
         facts={"log_id": task.log_id, "file": task.path.name, "sha256": task.sha256, **made.facts},
-        settings={
-            "ingest": settings.model_dump(mode="json"),
-            "plant": plant.model_dump(mode="json"),
-            "signals": signals.model_dump(mode="json") if signals is not None else None,
-        },
+        settings=_tables(signals, settings, plant),
     )
     with workspace.commit(folder, manifest) as draft:
         write_parquet(made.samples, draft / samples.SAMPLES)

@@ -73,6 +73,27 @@ def test_curating_with_another_recipe_makes_the_transitions_anew(here, call):
     assert (again.code, again.json["status"], again.json["counts"]["transitions"]) == (0, "done", 200)
 
 
+@pytest.mark.parametrize("command", [("curate",), ("prefill",), ("control",)])
+def test_any_command_that_works_in_a_workspace_lets_it_remember_its_recipe(here, call, command):
+    call("ingest", "logs")
+    (here / "named.toml").write_text('name = "named"\n')
+    assert call(*command, "--recipe", "named.toml").code == 0
+    assert "recipe: named" in call("report").err
+
+
+def test_samples_that_another_recipe_made_are_left_out_and_named(here, call):
+    call("ingest", "logs")
+    (here / "finer.toml").write_text("[ingest]\ngrid_ms = 50\n")
+    refused = call("curate", "--recipe", "finer.toml")
+    assert refused.code == 2
+    assert "samples of 3 of 3 logs were made with other [signals], [ingest] or [plant]" in refused.err
+    first = sorted((here / "logs").glob("*.mcap"))[0]
+    mixed = call("ingest", first, "--recipe", "finer.toml", "--json")
+    assert mixed.code == 0
+    assert "samples of 2 of 3 logs" in mixed.err
+    assert mixed.json["transitions"]["coverage"]["occupancy_before"]["rows"] > 0
+
+
 def test_looking_at_a_log_shows_its_channels_and_signals_and_writes_nothing(here, call):
     shown = call("inspect", "logs/*.mcap")
     assert shown.code == 0
