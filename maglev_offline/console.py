@@ -57,9 +57,13 @@ class Talk:
         """Tell something that the user should look at; a quiet run tells it too."""
         self._err.print(f"[yellow]warning:[/] {_plain(text)}")
 
+    def error(self, text: str) -> None:
+        """Tell that something could not be used; a quiet run tells it too."""
+        self._err.print(f"[bold red]error:[/] {_plain(text)}")
+
     def fail(self, error: MaglevOfflineError) -> None:
         """Tell an error as a paragraph."""
-        self._err.print(f"[bold red]error:[/] {_plain(error.paragraph())}")
+        self.error(error.paragraph())
 
     def result(self, data: Mapping[str, Any], *lines: str) -> None:
         """Give the result of a command: `data` to scripts, `lines` to people."""

@@ -1,6 +1,5 @@
-"""The stages joined: what each command of the command line does, and what it has to tell afterwards."""
+"""The stages joined: what each command of the command line does."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,82 +11,12 @@ from maglev_offline.agents.stage import Arm, load_curves, train_arms
 from maglev_offline.control.stage import run_control
 from maglev_offline.curate.stage import curate as run_curate
 from maglev_offline.errors import ArtefactError, InputError
-from maglev_offline.ingest.store import LogOutcome, ingest_logs, samples_made_with
+from maglev_offline.ingest.store import ingest_logs, samples_made_with
+from maglev_offline.outcomes import Done, Ingested, Run
 from maglev_offline.progress import Progress
 from maglev_offline.recipe import Recipe
 from maglev_offline.replay.prefill import make_prefill
 from maglev_offline.workspace import Manifest, Workspace
-
-LOG_COLUMNS = ("log", "status", "messages", "used", "quarantined", "samples", "segments")
-_LOG_COUNTS = ("messages", "messages_used", "messages_quarantined", "rows", "segments")
-
-
-@dataclass
-class Done:
-    """What a stage has to tell: an artefact, its numbers for scripts, a sentence and a table for people."""
-
-    stage: str
-    artefact: Path
-    fresh: bool
-    sentence: str
-    data: dict[str, Any] = field(default_factory=dict)
-    title: str = ""
-    columns: tuple[str, ...] = ()
-    rows: list[list[str]] = field(default_factory=list)
-
-    def plain(self) -> dict[str, Any]:
-        """For scripts."""
-        status = "done" if self.fresh else "unchanged"
-        return {"stage": self.stage, "status": status, "artefact": str(self.artefact), **self.data}
-
-    def lines(self) -> list[str]:
-        """For people."""
-        note = "" if self.fresh else " (unchanged inputs and recipe: nothing was done)"
-        return [f"{self.stage}: {self.sentence}{note}", f"  -> {self.artefact}"]
-
-
-@dataclass
-class Ingested:
-    """What `ingest` has to tell: one outcome for each log, and what `curate` made of all of them."""
-
-    logs: list[LogOutcome]
-    transitions: Done | None
-
-    @property
-    def refused(self) -> list[LogOutcome]:
-        """The logs that could not be used."""
-        return [log for log in self.logs if log.status == "refused"]
-
-    def rows(self) -> list[list[str]]:
-        """One row of `LOG_COLUMNS` for each log."""
-        return [
-            [log.path.name, log.status, *(f"{log.counts[key]:,}" if key in log.counts else "-" for key in _LOG_COUNTS)]
-            for log in self.logs
-        ]
-
-    def plain(self) -> dict[str, Any]:
-        """For scripts."""
-        return {
-            "stage": "ingest",
-            "status": "refused" if self.refused else "done",
-            "logs": [
-                {
-                    "file": str(log.path),
-                    "log_id": log.log_id,
-                    "status": log.status,
-                    "counts": log.counts,
-                    "left_out": log.left_out,
-                    "message": log.message,
-                    "artefact": None if log.folder is None else str(log.folder),
-                }
-                for log in self.logs
-            ],
-            "transitions": self.transitions.plain() if self.transitions else None,
-        }
-
-    def lines(self) -> list[str]:
-        """For people."""
-        return [] if self.transitions is None else self.transitions.lines()
 
 
 def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
@@ -132,10 +61,11 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     """
     folders, others = samples_made_with(workspace, signals=recipe.signals, settings=recipe.ingest, plant=recipe.plant)
     if others:
+        named = ", ".join([*(folder.name for folder in others[:3]), *["..."] * (len(others) > 3)])
         text = (
-            f"samples of {len(others)} of {len(folders) + len(others)} logs were made with other [signals], [ingest] or"
+            f"samples of {len(others)} of {len(folders) + len(others)} logs were made with other [signals], [ingest] "
+            f"or [plant] than this recipe has ({named})"
         )
-        text += f" [plant] than this recipe has ({', '.join(folder.name for folder in others[:3])}, ...)"
         todo = "Ingest those logs again with this recipe."
         if not folders:
             raise ArtefactError(f"{text}.", where=str(workspace.path("samples")), todo=todo)
@@ -295,33 +225,6 @@ def report(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
 
     page, fresh = build_report(workspace, recipe.report, recipe.plain(), recipe.name, progress=progress)
     return Done("report", page, fresh, f"{page.stat().st_size / 1e6:.2f} MB, one file, opens without a network")
-
-
-@dataclass
-class Run:
-    """What the whole road has to tell."""
-
-    ingested: Ingested
-    stages: list[Done]
-
-    @property
-    def refused(self) -> list[LogOutcome]:
-        """The logs that could not be used."""
-        return self.ingested.refused
-
-    def plain(self) -> dict[str, Any]:
-        """For scripts."""
-        return {
-            "stage": "run",
-            "status": "refused" if self.refused else "done",
-            "ingest": self.ingested.plain(),
-            "stages": [done.plain() for done in self.stages],
-            "report": str(self.stages[-1].artefact),
-        }
-
-    def lines(self) -> list[str]:
-        """For people."""
-        return ["", f"The report: {self.stages[-1].artefact}"]
 
 
 def run(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress) -> Run:

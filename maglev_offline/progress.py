@@ -13,13 +13,16 @@ class Ticker(Protocol):
 
 
 class Progress(Protocol):
-    """What a stage may say: a line, a warning, or the ticking of a long task."""
+    """What a stage may say: a line, a warning, an error that it survives, or the ticking of a long task."""
 
     def say(self, text: str) -> None:
         """Tell a fact."""
 
     def warn(self, text: str) -> None:
         """Tell something that the user should look at."""
+
+    def error(self, text: str) -> None:
+        """Tell that something could not be used, while the rest goes on."""
 
     def task(self, title: str, total: int, unit: str) -> AbstractContextManager[Ticker]:
         """Open a long task of `total` units."""
@@ -33,6 +36,9 @@ class Silent:
 
     def warn(self, text: str) -> None:
         """Drop the warning."""
+
+    def error(self, text: str) -> None:
+        """Drop the error."""
 
     def task(self, title: str, total: int, unit: str) -> AbstractContextManager[Ticker]:  # noqa: ARG002
         """Return a ticker that counts nothing."""

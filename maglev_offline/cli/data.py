@@ -115,11 +115,12 @@ def ingest(
     """Turn MCAP logs into checked samples, and those into a curated, balanced set of transitions."""
     from maglev_offline import pipeline
     from maglev_offline.ingest.inputs import find_logs
+    from maglev_offline.outcomes import LOG_COLUMNS
 
     session = open_session(recipe, workspace, as_json, quiet)
     with session.at_work("ingest"):
         done = pipeline.ingest(session.recipe, session.workspace, find_logs(logs), cores(jobs), session.talk)
-    session.talk.table("Logs", list(pipeline.LOG_COLUMNS), done.rows())
+    session.talk.table("Logs", list(LOG_COLUMNS), done.rows())
     session.talk.result(done.plain(), *done.lines())
     if done.refused:
         raise typer.Exit(2)

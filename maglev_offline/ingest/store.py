@@ -147,7 +147,7 @@ def ingest_logs(
         )
         for outcome in work:
             outcomes[outcome.path] = outcome
-            (progress.warn if outcome.status == "refused" else progress.say)(outcome.message)
+            (progress.error if outcome.status == "refused" else progress.say)(outcome.message)
             tick(1)
     for path, task in copies:
         original = outcomes[task.path]
@@ -159,7 +159,7 @@ def ingest_logs(
         if outcomes[path].status in ("skipped", "duplicate"):
             progress.say(outcomes[path].message)
         elif outcomes[path].status == "refused" and path not in {task.path for task in tasks}:
-            progress.warn(outcomes[path].message)
+            progress.error(outcomes[path].message)
     return IngestResult(tuple(outcomes[path] for path in ordered))
 
 
