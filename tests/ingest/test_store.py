@@ -10,6 +10,7 @@ import pytest
 
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.store import ingest_logs, load_samples, log_id_of
+from maglev_offline.progress import Silent
 from maglev_offline.workspace import Manifest, Workspace
 
 REGULAR = range(0, 300, 10)
@@ -130,23 +131,18 @@ def test_simulated_logs_say_so(run, tmp_path, write_log):
 
 
 def test_progress_hears_of_each_log(run, logs, tmp_path):
-    class Listener:
+    class Listener(Silent):
         def __init__(self):
-            self.said, self.warned = [], []
+            self.said, self.errors = [], []
 
         say = property(lambda self: self.said.append)
-        warn = property(lambda self: self.warned.append)
-
-        def task(self, title, total, unit):
-            from maglev_offline.progress import SILENT
-
-            return SILENT.task(title, total, unit)
+        error = property(lambda self: self.errors.append)
 
     (tmp_path / "empty.mcap").touch()
     listener = Listener()
     run([*logs, tmp_path / "empty.mcap"], progress=listener)
     assert len(listener.said) == 3
-    assert len(listener.warned) == 1
+    assert len(listener.errors) == 1
     assert "30 of 30 messages became 30 samples of 1 point in 1 segment." in listener.said[0]
 
 
