@@ -107,10 +107,65 @@ class SuspensionEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return seen[0].astype(np.float32), -float(cost[0]), terminated, truncated, info
 
 
+class SuspensionVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
+    """Many magnets in one batch: `gymnasium.make_vec(ID, num_envs=n, vectorization_mode="vector_entry_point")`.
+
+    Observations [n, 3], actions [n, 1], rewards [n]. An episode that has ended starts anew at the next step, whose
+    action is not used and whose reward is 0 (gymnasium's `NEXT_STEP`). `info` holds SI values, each of shape [n].
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(self, num_envs: int = 1, plant: Plant | None = None, mdp: Mdp | None = None) -> None:
+        single = SuspensionEnv(plant, mdp)
+        self.num_envs = num_envs
+        self.single_observation_space, self.single_action_space = single.observation_space, single.action_space
+        self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.batch = SuspensionBatch(single.batch.plant, single.batch.mdp, num_envs)
+        self._decisions = np.zeros(num_envs, dtype=np.int64)
+        self._ended = np.zeros(num_envs, dtype=bool)
+
+    def _info(self) -> dict[str, Any]:
+        return {name: value.copy() for name, value in self.batch.state._asdict().items()}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start every magnet at a gap drawn from the recipe's range, or at `options["gap_m"]` (a number or [n])."""
+        super().reset(seed=seed)
+        given = (options or {}).get("gap_m")
+        low, high = self.batch.mdp.start_gap_m
+        gap = self.np_random.uniform(low, high, self.num_envs) if given is None else np.full(self.num_envs, given)
+        self._decisions[:], self._ended[:] = 0, False
+        return self.batch.reset(gap.astype(np.float64)).astype(np.float32), self._info()
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Hold the actions for one control period; magnets whose episode had ended start anew instead."""
+        mdp, fresh = self.batch.mdp, self._ended
+        force = force_noise(self.np_random, (mdp.plant_steps_per_decision, self.num_envs), mdp.force_noise_std_n)
+        seen, cost, touched = self.batch.step(np.asarray(actions, dtype=np.float64).reshape(self.num_envs), force)
+        if fresh.any():
+            seen = self.batch.reset(self.np_random.uniform(*mdp.start_gap_m, self.num_envs), fresh)
+        cost, touched = np.where(fresh, 0.0, cost), touched & ~fresh
+        self._decisions = np.where(fresh, 0, self._decisions + 1)
+        terminated = touched & mdp.terminate_on_contact
+        truncated = self._decisions >= mdp.decisions_per_episode
+        self._ended = terminated | truncated
+        info = {**self._info(), "cost": cost, "contact": touched}
+        return seen.astype(np.float32), -cost, terminated, truncated, info
+
+
 def register() -> None:
     """Make the environment known to gymnasium; called when the package's `env` module is imported."""
     if "maglev_offline/Suspension-v0" not in gymnasium.registry:
-        gymnasium.register("maglev_offline/Suspension-v0", entry_point="maglev_offline.env:SuspensionEnv")
+        gymnasium.register(
+            "maglev_offline/Suspension-v0",
+            entry_point="maglev_offline.env:SuspensionEnv",
+            vector_entry_point="maglev_offline.env:SuspensionVectorEnv",
+        )
 
 
 register()

@@ -79,3 +79,51 @@ def test_seed_repeats_the_episode() -> None:
         env.reset(seed=4)
         runs.append([env.step(np.array([0.1], dtype=np.float32))[1] for _ in range(5)])
     assert runs[0] == runs[1]
+
+
+def vector(**options):
+    return gymnasium.make_vec("maglev_offline/Suspension-v0", vectorization_mode="vector_entry_point", **options)
+
+
+def test_the_batched_form_steps_like_single_environments() -> None:
+    envs, gaps = vector(num_envs=3), np.array([0.005, 0.009, 0.015])
+    assert envs.observation_space.shape == (3, 3)
+    seen, info = envs.reset(seed=0, options={"gap_m": gaps})
+    np.testing.assert_array_equal(info["gap_m"], gaps)
+    acts = np.random.default_rng(1).uniform(-1, 1, (10, 3, 1)).astype(np.float32)
+    singles = [SuspensionEnv() for _ in gaps]
+    for env, gap, row in zip(singles, gaps, seen, strict=True):
+        np.testing.assert_array_equal(env.reset(options={"gap_m": gap})[0], row)
+    for act in acts:
+        seen, reward, terminated, truncated, info = envs.step(act)
+        alone = [env.step(a) for env, a in zip(singles, act, strict=True)]
+        np.testing.assert_array_equal(seen, [one[0] for one in alone])
+        np.testing.assert_array_equal(reward, [one[1] for one in alone])
+        np.testing.assert_array_equal(info["current_a"], [one[4]["current_a"] for one in alone])
+        assert not terminated.any()
+        assert not truncated.any()
+
+
+def test_an_episode_of_the_batched_form_starts_anew_at_the_step_after_its_end() -> None:
+    envs = vector(num_envs=2, mdp=Mdp(episode_duration_s=0.03))
+    envs.reset(seed=3)
+    act = np.zeros((2, 1), dtype=np.float32)
+    ends = [envs.step(act)[3].all() for _ in range(3)]
+    assert ends == [False, False, True]
+    seen, reward, _, truncated, info = envs.step(act)
+    assert (reward == 0).all()
+    assert not truncated.any()
+    np.testing.assert_array_equal(seen[:, 1:], 0)
+    assert ((info["gap_m"] >= 0.004) & (info["gap_m"] <= 0.0155)).all()
+
+
+def test_the_batched_form_ends_episodes_at_contact_where_asked_each_on_its_own() -> None:
+    envs = vector(num_envs=2, mdp=Mdp(terminate_on_contact=True, contact_penalty=5.0))
+    envs.reset(seed=0, options={"gap_m": np.array([0.0155, 0.008])})
+    act = np.array([[-1.0], [0.0]], dtype=np.float32)
+    for _ in range(10):
+        _, reward, terminated, _, _ = envs.step(act)
+        if terminated.any():
+            break
+    assert terminated.tolist() == [True, False]
+    assert reward[0] < -5 < reward[1]
