@@ -19,6 +19,10 @@ STATE_NAMES = ("gap_error_m", "gap_velocity_m_s", "current_error_a")
 """The state s = (x - x_eq, dx/dt, i - i_eq), in this order wherever it is stored."""
 
 
+START_GAPS_M = tuple(round(0.004 + k * 0.011 / 9, 6) for k in range(10))
+"""The starts on which controllers and agents are compared, unless a recipe names others: ten from 4 to 15 mm."""
+
+
 class Mdp(Settings):
     """Everything that turns the plant into a decision process.
 

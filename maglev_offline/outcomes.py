@@ -97,9 +97,11 @@ class Run:
             "status": "refused" if self.refused else "done",
             "ingest": self.ingested.plain(),
             "stages": [done.plain() for done in self.stages],
-            "report": str(self.stages[-1].artefact),
+            "report": str(self.stages[-1].artefact) if self.stages else None,
         }
 
     def lines(self) -> list[str]:
         """For people."""
+        if not self.stages:
+            return ["None of the logs could be used: there is nothing to go on with."]
         return ["", f"The report: {self.stages[-1].artefact}"]

@@ -1,5 +1,6 @@
 """The stages joined: what each command of the command line does."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +31,20 @@ def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
         if not recipe.training.algorithms:
             raise InputError("the recipe trains no algorithm.", where="[training] algorithms", todo="Give --algo.")
         return recipe.training.algorithms
-    if asked == "ddpg":
+    if asked.lower() == "ddpg":
         return ("ddpg",)
-    if asked == "td3":
+    if asked.lower() == "td3":
         return ("td3",)
     raise InputError(f"there is no algorithm {asked!r}.", where="--algo", todo="Give ddpg or td3.")
 
 
-def ingest(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress) -> Ingested:
-    """Ingest logs, then curate the transitions of all logs in the workspace."""
+def ingest(
+    recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress, *, only: bool = False
+) -> Ingested:
+    """Ingest logs, then curate the transitions of all logs in the workspace, or of `only` these.
+
+    Nothing is curated if none of these logs is usable.
+    """
     result = ingest_logs(
         logs,
         workspace,
@@ -48,17 +54,39 @@ def ingest(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, pr
         jobs=jobs,
         progress=progress,
     )
-    curated = curate(recipe, workspace, progress) if workspace.list("samples") else None
+    if not result.folders:
+        return Ingested(list(result.logs), None)
+    curated = curate(recipe, workspace, progress, folders=result.folders if only else None)
     return Ingested(list(result.logs), curated)
 
 
-def curate(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
-    """Curate transitions from those samples in the workspace that this recipe made.
+def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders: Sequence[Path] | None = None) -> Done:
+    """Curate transitions from `folders`, or from those samples in the workspace that this recipe made.
 
     Raises
     ------
     ArtefactError: there are no samples, or only such as another recipe made.
     """
+    if folders is None:
+        folders = _fitting_samples(recipe, workspace, progress)
+    folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
+    manifest = Manifest.read(folder)
+    before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
+    return Done(
+        "curate",
+        folder,
+        fresh,
+        f"{manifest.counts['transitions']:,} transitions of {manifest.counts['candidates']:,} usable ones, from "
+        f"{len(manifest.inputs)} log{'s' * (len(manifest.inputs) != 1)} in the workspace; "
+        f"effective cells {before['effective_cells']:.0f} -> {after['effective_cells']:.0f} "
+        f"of {before['occupied_cells']} occupied, "
+        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept",
+        {"counts": manifest.counts, "left_out": manifest.left_out, "coverage": manifest.facts},
+    )
+
+
+def _fitting_samples(recipe: Recipe, workspace: Workspace, progress: Progress) -> list[Path]:
+    """The samples that this recipe made; others do not go with them, and are named."""
     folders, others = samples_made_with(workspace, signals=recipe.signals, settings=recipe.ingest, plant=recipe.plant)
     if others:
         named = ", ".join([*(folder.name for folder in others[:3]), *["..."] * (len(others) > 3)])
@@ -70,19 +98,7 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
         if not folders:
             raise ArtefactError(f"{text}.", where=str(workspace.path("samples")), todo=todo)
         progress.warn(f"{text} and are left out. {todo}")
-    folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
-    manifest = Manifest.read(folder)
-    before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
-    return Done(
-        "curate",
-        folder,
-        fresh,
-        f"{manifest.counts['transitions']:,} transitions of {manifest.counts['candidates']:,} usable ones; "
-        f"effective cells {before['effective_cells']:.0f} -> {after['effective_cells']:.0f} "
-        f"of {before['occupied_cells']} occupied, "
-        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept",
-        {"counts": manifest.counts, "left_out": manifest.left_out, "coverage": manifest.facts},
-    )
+    return folders
 
 
 def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
@@ -136,6 +152,23 @@ def _seconds(value: float) -> str:
     return "never" if np.isnan(value) else f"{value:.3f}"
 
 
+def control_page(recipe: Recipe, workspace: Workspace) -> Path:
+    """Write the page of the plant and its classical controllers."""
+    from maglev_offline.report.stage import build_control_page
+
+    return build_control_page(workspace, recipe.plain())
+
+
+def identify(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
+    """Fit the plant's parameters to those samples in the workspace that this recipe made."""
+    from maglev_offline.identify.stage import COLUMNS, run_identify, summary
+
+    folders = _fitting_samples(recipe, workspace, progress)
+    folder, fresh = run_identify(workspace, folders, recipe.plant, recipe.identify, progress)
+    sentence, rows, facts = summary(folder)
+    return Done("identify", folder, fresh, sentence, {"facts": facts}, "Parameters of the plant", COLUMNS, rows)
+
+
 def train(recipe: Recipe, workspace: Workspace, asked: str | None, arm: str, jobs: int, progress: Progress) -> Done:
     """Train one arm of the algorithms that were asked for.
 
@@ -162,7 +195,7 @@ def train(recipe: Recipe, workspace: Workspace, asked: str | None, arm: str, job
         f"{len(last)} runs of {recipe.training.steps:,} steps",
         {"arms": {arm.title: [str(folder) for folder in group] for arm, group in folders.items()}},
         "Last policies, median over seeds",
-        ("arm", "seeds", "cost", "worst bias (mm)", "within 0.5 mm", "settles (s)", "seeds that settle"),
+        ("arm", "seeds", "cost", "worst error (mm)", "within 0.5 mm", "settles (s)", "seeds that settle"),
         rows,
     )
 
@@ -173,8 +206,8 @@ def _arm_row(name: Any, group: pd.DataFrame) -> list[str]:
         "-".join(name),
         str(len(group)),
         f"{group['cost'].median():.1f}",
-        f"{group['worst_bias_m'].median() * 1e3:.2f}",
-        f"{(group['worst_bias_m'] <= 0.5e-3).sum()}",
+        f"{group['worst_error_m'].median() * 1e3:.2f}",
+        f"{(group['worst_error_m'] <= 0.5e-3).sum()}",
         f"{settled.median():.3f}" if len(settled) else "never",
         str(len(settled)),
     ]
@@ -183,23 +216,29 @@ def _arm_row(name: Any, group: pd.DataFrame) -> list[str]:
 def transfer(recipe: Recipe, workspace: Workspace, jobs: int, progress: Progress) -> Done:
     """Compare the arms, training those that are missing."""
     from maglev_offline.transfer.stage import run_transfer
+    from maglev_offline.transfer.verdict import enough_seeds
 
     algorithms(recipe, None)
     folder, fresh = run_transfer(
         workspace, recipe.world, recipe.transfer, recipe.prefill, recipe.control, jobs=jobs, progress=progress
     )
     manifest = Manifest.read(folder)
-    rows, words = [], []
+    if not enough_seeds(recipe.training.seeds, recipe.transfer.confidence):
+        progress.warn(
+            f"{recipe.training.seeds} seeds are too few for an interval at {recipe.transfer.confidence:.0%}: "
+            "every verdict is inconclusive."
+        )
+    rows, words, primary = [], [], manifest.facts["primary_metric"]
     for algorithm, found in manifest.facts["algorithms"].items():
         for arm, effects in found["effects"].items():
             for metric, effect in effects.items():
                 rows.append(_effect_row(algorithm, arm, metric, effect))
-            words.append(f"{algorithm} {effects['area']['verdict']}")
+            words.append(f"{algorithm} {effects[primary]['verdict']}")
     return Done(
         "transfer",
         folder,
         fresh,
-        f"prefill against an empty buffer, by the area under the curve: {', '.join(words)}",
+        f"prefill against an empty buffer, judged by {primary.replace('_', ' ')}: {', '.join(words)}",
         {"verdict": manifest.facts},
         "Empty minus prefill (costs; a positive difference means that prefill helps)",
         ("metric", "empty", "prefill", "difference", f"{recipe.transfer.confidence:.0%} interval", "verdict"),
@@ -230,13 +269,11 @@ def report(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
 def run(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress) -> Run:
     """Go the whole road. A recipe without algorithms ends at the classical controllers, and reports that.
 
-    Raises
-    ------
-    ArtefactError: no log could be used, so there is nothing to go on with.
+    Where no log can be used there is nothing to go on with, and the road ends at once.
     """
-    ingested = ingest(recipe, workspace, logs, jobs, progress)
+    ingested = ingest(recipe, workspace, logs, jobs, progress, only=True)
     if ingested.transitions is None:
-        raise ArtefactError("none of the logs could be used.", where=str(workspace.root), todo="See the errors above.")
+        return Run(ingested, [])
     stages = [ingested.transitions]
 
     def done(one: Done) -> None:

@@ -14,6 +14,7 @@ from maglev_offline.agents.stage import World
 from maglev_offline.control.settings import ControlSettings
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import RecipeError
+from maglev_offline.identify.settings import IdentifySettings
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.logs.signals import SignalMap
 from maglev_offline.logs.surrogate_settings import SurrogateSettings
@@ -39,6 +40,7 @@ class Recipe(Settings):
     mdp: Mdp = Field(default_factory=Mdp)
     signals: SignalMap | None = None
     ingest: IngestSettings = Field(default_factory=IngestSettings)
+    identify: IdentifySettings = Field(default_factory=IdentifySettings)
     curate: CurateSettings = Field(default_factory=CurateSettings)
     prefill: PrefillSettings = Field(default_factory=PrefillSettings)
     training: TrainingSettings = Field(default_factory=TrainingSettings)
@@ -98,7 +100,7 @@ def _mistake(detail: Any) -> str:
     if kind in ("model_type", "dict_type"):
         return f"{place}: must be a table (given: {given!r})"
     text = str(detail["msg"]).removeprefix("Value error, ")
-    if isinstance(given, str | int | float | bool):
+    if isinstance(given, str | int | float | bool) and repr(given) not in text:
         text = f"{text} (given: {given!r})"
     return f"{place}: {text[0].lower() + text[1:]}"
 

@@ -126,7 +126,7 @@ class Workspace:
             manifest = Manifest.read(folder)
         except ArtefactError:
             return False
-        return manifest.fingerprint == mark and all((folder / name).is_file() for name in manifest.files)
+        return manifest.fingerprint == mark and not changed_files(folder, manifest)
 
     def list(self, kind: str) -> list[Path]:
         """Folders of all artefacts of one kind, in order of their names."""
@@ -203,8 +203,29 @@ class Workspace:
                 file.truncate(0)
 
 
+def changed_files(folder: Path, manifest: Manifest) -> list[str]:
+    """Files of an artefact that are gone, or are not what was written."""
+    return [
+        name
+        for name, known in manifest.files.items()
+        if not (folder / name).is_file() or sha256_of(folder / name) != known
+    ]
+
+
 def input_hash(folder: Path) -> str:
-    """Hash that stands for a whole artefact: that of its manifest, which holds the hash of each of its files."""
+    """Hash that stands for a whole artefact: that of its manifest, which holds the hash of each of its files.
+
+    Raises
+    ------
+    ArtefactError: a file of the artefact is gone, or is not what was written.
+    """
+    changed = changed_files(folder, Manifest.read(folder))
+    if changed:
+        raise ArtefactError(
+            f"{', '.join(changed)} {'is' if len(changed) == 1 else 'are'} not what was written there.",
+            where=str(folder),
+            todo="Remove that folder and run its stage again.",
+        )
     return sha256_of(folder / "manifest.json")
 
 

@@ -11,7 +11,15 @@ from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
 from maglev_offline.mdp import Mdp
 from maglev_offline.replay.settings import PrefillSettings
-from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash, package_versions, sha256_of
+from maglev_offline.workspace import (
+    Manifest,
+    Workspace,
+    changed_files,
+    fingerprint,
+    input_hash,
+    package_versions,
+    sha256_of,
+)
 
 HOLDER = """
 import sys
@@ -116,6 +124,35 @@ def test_an_artefact_is_current_only_whole_and_from_the_same_inputs(workspace):
     assert not workspace.is_current(workspace.path("b"), "mark")
     (home / "part/more.txt").unlink()
     assert not workspace.is_current(home, "mark")
+
+
+@pytest.mark.parametrize("text", ["abd", "ab", ""])
+def test_an_artefact_with_a_file_that_was_changed_is_neither_current_nor_an_input(workspace, text):
+    home = put(workspace, "abc", "samples", "a")
+    (home / "data.txt").write_text(text)
+    assert not workspace.is_current(home, "mark")
+    assert changed_files(home, Manifest.read(home)) == ["data.txt"]
+    with pytest.raises(
+        ArtefactError,
+        match=r"samples/a: data\.txt is not what was written there\. Remove that folder and run its stage",
+    ):
+        input_hash(home)
+
+
+def test_all_files_that_were_changed_are_named(workspace):
+    home = put(workspace, "abc", "a")
+    (home / "data.txt").write_text("other")
+    (home / "part/more.txt").unlink()
+    with pytest.raises(ArtefactError, match=r"data\.txt, part/more\.txt are not what was written there"):
+        input_hash(home)
+
+
+def test_a_file_that_was_written_again_as_it_was_changes_nothing(workspace):
+    home = put(workspace, "abc", "a")
+    before = input_hash(home)
+    (home / "data.txt").write_text("abc")
+    assert workspace.is_current(home, "mark")
+    assert input_hash(home) == before
 
 
 def test_a_list_holds_whole_artefacts_in_order_of_their_names(workspace):

@@ -41,28 +41,36 @@ class PolicyFeedback:
         return self.mdp.voltage_limit_v * np.nan_to_num(act.numpy().astype(np.float64)).reshape(-1), None
 
 
-def _roll_out(actor: Actor, plant: Plant, mdp: Mdp, starts_m: Array) -> Trajectory:
+def roll_out(actor: Actor, plant: Plant, mdp: Mdp, evaluation: EvaluationSettings) -> Trajectory:
+    """Let the actors of a block regulate from all starts, the reported ones and then those for selection.
+
+    Every number and every curve of an evaluation comes from this one rollout: another batch shape would round
+    otherwise, and the unstable plant makes other responses of it.
+    """
+    starts = np.array([*evaluation.start_gaps_m, *evaluation.selection_gaps_m])
     return regulate(
         plant,
         mdp,
         PolicyFeedback(actor, mdp),
-        np.tile(starts_m, len(actor["w3"])),
+        np.tile(starts, len(actor["w3"])),
         mdp.episode_duration_s,
         control_period_s=mdp.control_period_ms / 1e3,
     )
 
 
-def evaluate(actor: Actor, plant: Plant, mdp: Mdp, evaluation: EvaluationSettings) -> pd.DataFrame:
-    """Judge the actors of a block, one row for a seed.
+def judge(response: Trajectory, actor: Actor, plant: Plant, mdp: Mdp, evaluation: EvaluationSettings) -> pd.DataFrame:
+    """Judge the actors of a block by their rollout, one row for a seed.
 
     `cost` (and `return` = -cost), `gap_rmse_m`, `contact_fraction` and `saturation_fraction` are means over the
-    starts, `worst_bias_m` is the largest |steady-state bias| of them; `settling_time_s` (NaN: never), `overshoot` and
-    `steady_state_bias_m` belong to the reference start; `selection_cost` to the selection starts alone.
+    starts, `worst_error_m` is the largest |gap error| over the last 20 % of any of them; `settling_time_s` (NaN:
+    never), `overshoot` and `steady_state_bias_m` belong to the reference start; `selection_cost` to the selection
+    starts alone.
+    The cost is the stage cost over a whole episode: contact neither ends it nor is it penalised, it shows in
+    `contact_fraction`.
     """
-    starts = np.array([*evaluation.start_gaps_m, *evaluation.selection_gaps_m])
-    reported, seeds = len(evaluation.start_gaps_m), len(actor["w3"])
-    found = response_metrics(plant, mdp, _roll_out(actor, plant, mdp, starts))
-    of = {name: values.reshape(seeds, len(starts)) for name, values in found.items()}
+    seeds, reported = len(actor["w3"]), len(evaluation.start_gaps_m)
+    found = response_metrics(plant, mdp, response)
+    of = {name: values.reshape(seeds, -1) for name, values in found.items()}
     reference = evaluation.start_gaps_m.index(evaluation.reference_start_gap_m)
     cost = of["cost"][:, :reported].mean(axis=1)
     return pd.DataFrame(
@@ -71,7 +79,7 @@ def evaluate(actor: Actor, plant: Plant, mdp: Mdp, evaluation: EvaluationSetting
             "cost": cost,
             "selection_cost": of["cost"][:, reported:].mean(axis=1),
             "gap_rmse_m": of["gap_rmse_m"][:, :reported].mean(axis=1),
-            "worst_bias_m": np.abs(of["steady_state_bias_m"][:, :reported]).max(axis=1),
+            "worst_error_m": of["steady_state_error_m"][:, :reported].max(axis=1),
             "steady_state_bias_m": of["steady_state_bias_m"][:, reference],
             "settling_time_s": of["settling_time_s"][:, reference],
             "overshoot": of["overshoot"][:, reference],
@@ -84,10 +92,12 @@ def evaluate(actor: Actor, plant: Plant, mdp: Mdp, evaluation: EvaluationSetting
     )
 
 
-def regulation(actor: Actor, seeds: list[int], plant: Plant, mdp: Mdp, evaluation: EvaluationSettings) -> pd.DataFrame:
-    """Responses of the actors of a block from the reference start, one row for a seed and a plant step."""
-    response = _roll_out(actor, plant, mdp, np.array([evaluation.reference_start_gap_m]))
+def regulation(response: Trajectory, seeds: list[int], evaluation: EvaluationSettings) -> pd.DataFrame:
+    """The responses from the reference start in a rollout, one row for a seed and a plant step; `seeds` come first."""
     steps = len(response.voltage_v)
+    starts = len(evaluation.start_gaps_m) + len(evaluation.selection_gaps_m)
+    reference = evaluation.start_gaps_m.index(evaluation.reference_start_gap_m)
+    of_seed = np.arange(len(seeds)) * starts + reference
     columns = {
         "gap_m": response.gap_m,
         "gap_velocity_m_s": response.velocity_m_s,
@@ -98,6 +108,6 @@ def regulation(actor: Actor, seeds: list[int], plant: Plant, mdp: Mdp, evaluatio
         {
             "seed": np.repeat(seeds, steps),
             "t_s": np.tile(response.time_s[:-1], len(seeds)),
-            **{name: np.ascontiguousarray(values[:steps].T).ravel() for name, values in columns.items()},
+            **{name: values[:steps, of_seed].T.ravel() for name, values in columns.items()},
         }
     )

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from maglev_offline.mdp import START_GAPS_M
 from maglev_offline.settings import Settings
 
 Algorithm = Literal["ddpg", "td3"]
@@ -59,7 +60,7 @@ class EvaluationSettings(Settings):
     """
 
     every_steps: int = Field(default=1_000, ge=1)
-    start_gaps_m: tuple[float, ...] = (0.004, 0.005, 0.006, 0.007, 0.009, 0.0105, 0.012, 0.0135, 0.015, 0.0155)
+    start_gaps_m: tuple[float, ...] = START_GAPS_M
     selection_gaps_m: tuple[float, ...] = (0.0045, 0.0065, 0.0085, 0.0095, 0.0115, 0.0125, 0.0145)
     reference_start_gap_m: float = 0.015
 

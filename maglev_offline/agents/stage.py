@@ -68,13 +68,18 @@ def train_arms(
     missing = [task for task in tasks if not workspace.is_current(task.folder, task.mark)]
     if not missing:
         return folders, 0
-    total = sum(len(task.seeds) for task in missing) * world.training.steps
+    runs = sum(len(task.seeds) for task in missing)
+    total = runs * world.training.steps
+    progress.say(
+        f"training: {runs} runs of {world.training.steps:,} steps, in {len(missing)} blocks of {world.training.block} "
+        f"seeds; what is stopped goes on at its first unfinished block."
+    )
     with progress.task("training", total, "steps") as tick, _tick_file(tick) as ticks:
         pool = joblib.Parallel(n_jobs=min(jobs, len(missing)), return_as="generator_unordered", batch_size=1)
-        for number, trained, responses in pool(
+        for number, trained in pool(
             joblib.delayed(_train)(number, task, world, ticks) for number, task in enumerate(missing)
         ):
-            _commit(workspace, missing[number], world, trained, responses)
+            _commit(workspace, missing[number], world, trained)
     return folders, len(missing)
 
 
@@ -95,8 +100,7 @@ def _tasks(workspace: Workspace, arm: Arm, world: World) -> list[_Task]:
     return tasks
 
 
-def _train(number: int, task: _Task, world: World, ticks: Path) -> tuple[int, Trained, pd.DataFrame]:
-    from maglev_offline.agents.evaluation import regulation
+def _train(number: int, task: _Task, world: World, ticks: Path) -> tuple[int, Trained]:
     from maglev_offline.agents.training import train_block
     from maglev_offline.replay.prefill import load_prefill, packed
 
@@ -109,11 +113,10 @@ def _train(number: int, task: _Task, world: World, ticks: Path) -> tuple[int, Tr
     trained = train_block(
         task.arm.algorithm, task.seeds, world.plant, world.mdp, world.training, world.evaluation, rows, tick
     )
-    responses = regulation(trained.last, trained.seeds, world.plant, world.mdp, world.evaluation)
-    return number, trained, responses
+    return number, trained
 
 
-def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained, responses: pd.DataFrame) -> None:
+def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained) -> None:
     from safetensors.numpy import save_file
 
     manifest = Manifest(f"training/{task.arm.title}/{task.folder.name}", task.mark, task.inputs)
@@ -129,7 +132,7 @@ def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained, r
         "diverged_seeds": [int(s) for s in final.loc[final["diverged"], "seed"]],
     }
     with workspace.commit(task.folder, manifest) as draft:
-        for name, table in (("curves", trained.curves), ("regulation", responses)):
+        for name, table in (("curves", trained.curves), ("regulation", trained.regulation)):
             table = table.assign(algorithm=task.arm.algorithm, arm=task.arm.name)
             write_parquet(table, draft / f"{name}.parquet")
         for name, net in (("last", trained.last), ("best", trained.best)):
@@ -168,8 +171,3 @@ def _tick_file(tick: Ticker) -> Iterator[Path]:
 def load_curves(folders: list[Path]) -> pd.DataFrame:
     """Read the learning curves of several blocks into one table."""
     return pd.concat([pd.read_parquet(folder / "curves.parquet") for folder in folders], ignore_index=True)
-
-
-def load_regulation(folders: list[Path]) -> pd.DataFrame:
-    """Read the regulation responses of the last policies of several blocks into one table."""
-    return pd.concat([pd.read_parquet(folder / "regulation.parquet") for folder in folders], ignore_index=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from maglev_offline.agents import networks
 from maglev_offline.agents.ddpg import Ddpg
 from maglev_offline.agents.draws import CHUNK, Draws, DrawStreams
-from maglev_offline.agents.evaluation import evaluate
+from maglev_offline.agents.evaluation import judge, regulation, roll_out
 from maglev_offline.agents.networks import Network
 from maglev_offline.agents.settings import Algorithm, EvaluationSettings, TrainingSettings
 from maglev_offline.agents.td3 import Td3
@@ -38,11 +38,12 @@ class Trained(NamedTuple):
     """What a block of seeds ends with.
 
     `curves`: one row for a seed and an evaluation. `last` and `best`: the actors, numpy, leading axis [seeds];
-    `best` is chosen on the selection starts alone.
+    `best` is chosen on the selection starts alone. `regulation`: responses of the last actors from the reference start.
     """
 
     seeds: list[int]
     curves: pd.DataFrame
+    regulation: pd.DataFrame
     last: dict[str, NDArray[np.float32]]
     best: dict[str, NDArray[np.float32]]
 
@@ -142,8 +143,11 @@ class _Record:
 
     def take(self, actor: Network, step: int) -> None:
         self.previous_step, self.step = self.step, step
-        self.last = {name: value.detach().numpy()[: len(self.seeds)].copy() for name, value in actor.items()}
-        table = evaluate(self.last, self.plant, self.mdp, self.evaluation)
+        # The whole block is judged, padding and all: another batch size would round otherwise.
+        block = {name: value.detach().numpy().copy() for name, value in actor.items()}
+        self.response = roll_out(block, self.plant, self.mdp, self.evaluation)
+        table = judge(self.response, block, self.plant, self.mdp, self.evaluation).iloc[: len(self.seeds)].copy()
+        self.last = {name: value[: len(self.seeds)] for name, value in block.items()}
         table.insert(0, "seed", self.seeds)
         table.insert(1, "env_step", step)
         self.tables.append(table)
@@ -155,4 +159,5 @@ class _Record:
 
     def result(self) -> Trained:
         curves = pd.concat(self.tables).sort_values(["seed", "env_step"], ignore_index=True)
-        return Trained(self.seeds, curves, self.last, self.best)
+        responses = regulation(self.response, self.seeds, self.evaluation)
+        return Trained(self.seeds, curves, responses, self.last, self.best)

@@ -70,7 +70,7 @@ def run() -> int:
             )
         return _tell(told)
     if code == STOPPED:
-        print("stopped. What was finished is kept; the same command goes on from there.", file=sys.stderr)
+        print("stopped. What is finished is kept; a training goes on at its first unfinished block.", file=sys.stderr)
     return code if isinstance(code, int) else 0
 
 

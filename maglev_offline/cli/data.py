@@ -9,6 +9,7 @@ from maglev_offline.cli.options import (
     HERE,
     JobsOption,
     JsonOption,
+    PlantOption,
     QuietOption,
     RecipeOption,
     WorkspaceOption,
@@ -38,6 +39,7 @@ def surrogate(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of everything random.")] = None,
     truth: Annotated[bool, typer.Option("--truth", help="Write the 1 kHz truth beside the logs, for checks.")] = False,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -46,7 +48,7 @@ def surrogate(
     from maglev_offline.logs.surrogate import generate
 
     session = with_options(
-        open_session(recipe, workspace, as_json, quiet),
+        open_session(recipe, workspace, as_json, quiet, plant),
         "surrogate",
         logs=logs,
         points=points,
@@ -70,6 +72,7 @@ def surrogate(
 def inspect(
     logs: Logs,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -80,7 +83,7 @@ def inspect(
     from maglev_offline.ingest.inputs import find_logs
     from maglev_offline.ingest.inspect import inspect_log
 
-    session = open_session(recipe, workspace, as_json, quiet)
+    session = open_session(recipe, workspace, as_json, quiet, plant)
     found: list[Any] = []
     refused: list[LogError] = []
     for path in find_logs(logs):
@@ -107,6 +110,7 @@ def inspect(
 def ingest(
     logs: Logs,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
     as_json: JsonOption = False,
@@ -117,7 +121,7 @@ def ingest(
     from maglev_offline.ingest.inputs import find_logs
     from maglev_offline.outcomes import LOG_COLUMNS
 
-    session = open_session(recipe, workspace, as_json, quiet)
+    session = open_session(recipe, workspace, as_json, quiet, plant)
     with session.at_work("ingest"):
         done = pipeline.ingest(session.recipe, session.workspace, find_logs(logs), cores(jobs), session.talk)
     session.talk.table("Logs", list(LOG_COLUMNS), done.rows())
@@ -128,6 +132,7 @@ def ingest(
 
 def curate(
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -135,7 +140,7 @@ def curate(
     """Curate the transitions anew from the samples, for instance after a change of the recipe."""
     from maglev_offline import pipeline
 
-    session = open_session(recipe, workspace, as_json, quiet)
+    session = open_session(recipe, workspace, as_json, quiet, plant)
     with session.at_work("curate"):
         done = pipeline.curate(session.recipe, session.workspace, session.talk)
     session.talk.result(done.plain(), *done.lines())
@@ -144,6 +149,7 @@ def curate(
 def prefill(
     algo: Annotated[str | None, typer.Option("--algo", help="ddpg or td3. [default: those of the recipe]")] = None,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -151,7 +157,7 @@ def prefill(
     """Scale the curated transitions into the replay buffer of an algorithm."""
     from maglev_offline import pipeline
 
-    session = open_session(recipe, workspace, as_json, quiet)
+    session = open_session(recipe, workspace, as_json, quiet, plant)
     with session.at_work("prefill"):
         done = [
             pipeline.prefill(session.recipe, session.workspace, algorithm)

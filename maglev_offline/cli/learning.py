@@ -1,4 +1,4 @@
-"""Commands on learning: control, train, transfer."""
+"""Commands on the plant and on learning: control, identify, train, transfer."""
 
 from typing import Annotated
 
@@ -8,6 +8,7 @@ from maglev_offline.cli.options import (
     HERE,
     JobsOption,
     JsonOption,
+    PlantOption,
     QuietOption,
     RecipeOption,
     Session,
@@ -22,8 +23,9 @@ Steps = Annotated[int | None, typer.Option("--steps", min=1, help="Decisions in 
 
 
 def add_commands(app: typer.Typer) -> None:
-    """Put the commands on learning into `app`."""
+    """Put the commands on the plant and on learning into `app`."""
     app.command(epilog="Example: maglev-offline control --recipe pipelines/changsha.toml")(control)
+    app.command(epilog="Example: maglev-offline identify --recipe pipelines/levitator.toml")(identify)
     app.command(epilog="Example: maglev-offline train --algo td3 --arm empty --seeds 4 --steps 5000")(train)
     app.command(epilog="Example: maglev-offline transfer --seeds 8 --steps 5000")(transfer)
 
@@ -45,17 +47,61 @@ def _resized(session: Session, seeds: int | None, steps: int | None) -> Session:
 
 
 def control(
+    integrator: Annotated[str | None, typer.Option(help="euler or rk4.")] = None,
+    plant_step_ms: Annotated[float | None, typer.Option(help="Step of the plant, ms.")] = None,
+    gap_min_mm: Annotated[float | None, typer.Option(help="Upper stop, mm.")] = None,
+    gap_max_mm: Annotated[float | None, typer.Option(help="Lower stop, mm.")] = None,
+    voltage_limit_v: Annotated[float | None, typer.Option(help="Voltage limit about the equilibrium, V.")] = None,
+    force_noise_n: Annotated[float | None, typer.Option(help="Standard deviation of a random force, N.")] = None,
+    constant_load_n: Annotated[float | None, typer.Option(help="Constant load, N, downward.")] = None,
+    mass_error: Annotated[float | None, typer.Option(help="Share by which the mass is heavier than believed.")] = None,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Linearise the plant, and try PID, cascade PID, LQR and LQI from several gaps."""
+    """Linearise the plant; try PID, cascade PID, LQR and LQI; margins, robustness, the paper's claims; and plot it."""
     from maglev_offline import pipeline
 
-    session = open_session(recipe, workspace, as_json, quiet)
+    session = open_session(recipe, workspace, as_json, quiet, plant)
+    session = with_options(
+        session,
+        "plant",
+        gap_min_m=None if gap_min_mm is None else gap_min_mm / 1e3,
+        gap_max_m=None if gap_max_mm is None else gap_max_mm / 1e3,
+    )
+    session = with_options(
+        session, "mdp", integrator=integrator, plant_step_ms=plant_step_ms, voltage_limit_v=voltage_limit_v
+    )
+    session = with_options(
+        session,
+        "control",
+        integrator=integrator,
+        force_noise_std_n=force_noise_n,
+        constant_load_n=constant_load_n,
+        mass_error_share=mass_error,
+    )
     with session.at_work("control"):
         done = pipeline.control(session.recipe, session.workspace, session.talk)
+        page = pipeline.control_page(session.recipe, session.workspace)
+    session.talk.table(done.title, list(done.columns), done.rows)
+    session.talk.result({**done.plain(), "page": str(page)}, *done.lines(), f"  -> {page}")
+
+
+def identify(
+    recipe: RecipeOption = None,
+    plant: PlantOption = None,
+    workspace: WorkspaceOption = HERE,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Fit the plant's parameters to the ingested samples, and say what they can and cannot tell."""
+    from maglev_offline import pipeline
+
+    session = open_session(recipe, workspace, as_json, quiet, plant)
+    with session.at_work("identify"):
+        done = pipeline.identify(session.recipe, session.workspace, session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
 
@@ -66,6 +112,7 @@ def train(
     seeds: Seeds = None,
     steps: Steps = None,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
     as_json: JsonOption = False,
@@ -74,7 +121,7 @@ def train(
     """Train DDPG or TD3 over many seeds in the simulator, from an empty or a prefilled buffer."""
     from maglev_offline import pipeline
 
-    session = _resized(open_session(recipe, workspace, as_json, quiet), seeds, steps)
+    session = _resized(open_session(recipe, workspace, as_json, quiet, plant), seeds, steps)
     with session.at_work("train"):
         done = pipeline.train(session.recipe, session.workspace, algo, arm, cores(jobs), session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)
@@ -85,6 +132,7 @@ def transfer(
     seeds: Seeds = None,
     steps: Steps = None,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
     as_json: JsonOption = False,
@@ -93,7 +141,7 @@ def transfer(
     """Train all arms that are missing, compare them seed by seed, and say whether prefill helps or harms."""
     from maglev_offline import pipeline
 
-    session = _resized(open_session(recipe, workspace, as_json, quiet), seeds, steps)
+    session = _resized(open_session(recipe, workspace, as_json, quiet, plant), seeds, steps)
     with session.at_work("transfer"):
         done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)

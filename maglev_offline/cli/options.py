@@ -21,6 +21,10 @@ WorkspaceOption = Annotated[
     Path,
     typer.Option("--workspace", "-w", help="Folder of the artefacts.", envvar="MAGLEV_OFFLINE_WORKSPACE"),
 ]
+PlantOption = Annotated[
+    Path | None,
+    typer.Option("--plant", help="File with the [plant] to use instead of the recipe's, as `identify` writes it."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document, for scripts.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no remarks.")]
 JobsOption = Annotated[
@@ -42,17 +46,22 @@ class Session:
 
     @contextmanager
     def at_work(self, command: str) -> Iterator[None]:
-        """Hold the workspace, and let it remember the recipe that it is given."""
+        """Hold the workspace, and let it remember the recipe that it was given once the work is done."""
         from maglev_offline.recipe import remember
 
         with self.workspace.lock(command):
+            yield
             if self.given is not None:
                 remember(self.workspace.root, self.given)
-            yield
 
 
-def open_session(recipe: Path | None, workspace: Path, as_json: bool, quiet: bool) -> Session:
-    """Load the recipe that is given, or the one that the workspace remembers, or the defaults."""
+def open_session(
+    recipe: Path | None, workspace: Path, as_json: bool, quiet: bool, plant: Path | None = None
+) -> Session:
+    """Load the recipe that is given, or the one that the workspace remembers, or the defaults.
+
+    `plant`: file of a plant that takes the place of the recipe's.
+    """
     from maglev_offline.console import Talk
     from maglev_offline.recipe import Recipe, load_recipe, recall
     from maglev_offline.workspace import Workspace
@@ -61,10 +70,14 @@ def open_session(recipe: Path | None, workspace: Path, as_json: bool, quiet: boo
     talk = Talk(as_json=as_json, quiet=quiet)
     if recipe is None and found.name != "defaults":
         talk.say(f"recipe: {found.name} (remembered by {workspace})")
-    return Session(found, Workspace(workspace), talk, found if recipe is not None else None)
+    if plant is not None:
+        from maglev_offline.identify.plants import load_plant
+
+        found = found.model_copy(update={"plant": load_plant(plant)})
+    return Session(found, Workspace(workspace), talk, found if recipe is not None or plant is not None else None)
 
 
-def with_options(session: Session, table: str, **given: int | float | None) -> Session:
+def with_options(session: Session, table: str, **given: int | float | str | None) -> Session:
     """Put the numbers that were given as options into a table of the recipe, which judges them.
 
     Raises

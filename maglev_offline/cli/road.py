@@ -9,6 +9,7 @@ from maglev_offline.cli.options import (
     HERE,
     JobsOption,
     JsonOption,
+    PlantOption,
     QuietOption,
     RecipeOption,
     WorkspaceOption,
@@ -25,6 +26,7 @@ def add_commands(app: typer.Typer) -> None:
 
 def report(
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -32,16 +34,19 @@ def report(
     """Write one self-contained HTML page of everything that is in the workspace."""
     from maglev_offline import pipeline
 
-    session = open_session(recipe, workspace, as_json, quiet)
+    session = open_session(recipe, workspace, as_json, quiet, plant)
     with session.at_work("report"):
         done = pipeline.report(session.recipe, session.workspace, session.talk)
     session.talk.result(done.plain(), *done.lines())
 
 
 def run(
-    pipeline_recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="Recipe (TOML).")] = None,
-    logs: Annotated[list[str] | None, typer.Argument(help="MCAP files instead of the recipe's own.")] = None,
+    arguments: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[RECIPE] [LOGS]...", help="A recipe (or --recipe), and logs instead of its own."),
+    ] = None,
     recipe: RecipeOption = None,
+    plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
     as_json: JsonOption = False,
@@ -51,10 +56,11 @@ def run(
     from maglev_offline import pipeline
     from maglev_offline.ingest.inputs import find_logs
 
-    chosen = pipeline_recipe or recipe
-    if chosen is None:
+    logs = list(arguments or [])
+    if recipe is None and (not logs or logs[0].endswith(".mcap")):
         raise typer.BadParameter("give a recipe: maglev-offline run pipelines/quickstart.toml", param_hint="RECIPE")
-    session = open_session(chosen, workspace, as_json, quiet)
+    chosen = recipe or Path(logs.pop(0))
+    session = open_session(chosen, workspace, as_json, quiet, plant)
     paths = find_logs(logs) if logs else find_logs(session.recipe.logs, relative_to=chosen.parent)
     with session.at_work("run"):
         done = pipeline.run(session.recipe, session.workspace, paths, cores(jobs), session.talk)

@@ -33,11 +33,11 @@ class IntegralFeedback:
     """v = gain . (z1, z2, z3, integral of z1), clipped to +-`voltage_limit_v` (None: no limit).
 
     Anti-windup: the integral holds while the voltage saturates. `gain`: shape [4], or [n, 4] to give every magnet
-    of the batch its own.
+    of the batch its own; so may the limit be an array [n].
     """
 
     gain: Array
-    voltage_limit_v: float | None = None
+    voltage_limit_v: float | Array | None = None
 
     def start(self, z: Array) -> Array:
         """An empty integral, shape [n], in m s."""

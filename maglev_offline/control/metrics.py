@@ -14,6 +14,9 @@ from maglev_offline.physics.parameters import Plant
 
 Array = NDArray[np.float64]
 
+SETTLED_FOR_S = 0.05
+"""How long a response has to stay in its band at least to count as settled."""
+
 STEADY_SHARE = 0.2
 """The last part of a response that counts as its steady state."""
 
@@ -21,13 +24,15 @@ STEADY_SHARE = 0.2
 def settling_time_s(time_s: Array, error_m: Array, band: float = 0.02) -> Array:
     """First time after which |error| stays within `band` of the initial deviation to the end; NaN: never.
 
-    A magnet that starts at the set-point has settled at once only if it never moves.
+    It has to stay for `SETTLED_FOR_S` at least: an error that crosses the band as the response ends has not settled. A
+    magnet that starts at the set-point has settled at once only if it never moves.
     """
     outside = np.abs(error_m) > band * np.abs(error_m[0])
     first_inside: NDArray[np.int64] = len(outside) - np.argmax(outside[::-1], axis=0)
     never = outside[-1]
     settled = np.where(outside.any(axis=0), first_inside, 0)
-    return np.where(never, np.nan, time_s[np.minimum(settled, len(time_s) - 1)])
+    when = time_s[np.minimum(settled, len(time_s) - 1)]
+    return np.where(never | (time_s[-1] - when < SETTLED_FOR_S), np.nan, when)
 
 
 def overshoot(error_m: Array) -> Array:
@@ -48,6 +53,12 @@ def steady_state_bias_m(error_m: Array) -> Array:
     """Mean error over the last 20 % of the response, in metres; positive: the gap is too large."""
     bias: Array = error_m[-max(1, round(STEADY_SHARE * len(error_m))) :].mean(axis=0)
     return bias
+
+
+def steady_state_error_m(error_m: Array) -> Array:
+    """Largest |error| over the last 20 % of the response, in metres: what a limit cycle cannot hide in a mean."""
+    worst: Array = np.abs(error_m[-max(1, round(STEADY_SHARE * len(error_m))) :]).max(axis=0)
+    return worst
 
 
 def gap_rmse_m(error_m: Array) -> Array:
@@ -91,6 +102,7 @@ def response_metrics(plant: Plant, mdp: Mdp, response: Trajectory) -> dict[str, 
         "settling_time_s": settling_time_s(response.time_s, error),
         "overshoot": overshoot(error),
         "steady_state_bias_m": steady_state_bias_m(error),
+        "steady_state_error_m": steady_state_error_m(error),
         "gap_rmse_m": gap_rmse_m(episode.gap_m - x_eq),
         "peak_voltage_v": peak_voltage_v(plant, response.voltage_v),
         "contact_fraction": contact_fraction(plant, episode.gap_m),

@@ -21,13 +21,19 @@ Array = NDArray[np.float64]
 def feedback_laws(
     plant: Plant, mdp: Mdp, settings: ControlSettings, voltage_limit_v: float | None
 ) -> dict[ControllerName, IntegralFeedback]:
-    """The state feedback laws by name, for a controller that is called at every plant step."""
+    """The state feedback laws by name. `lqr_held` decides once a control period, the others at every plant step."""
     return {
         "pid": pid(settings.pid, voltage_limit_v),
         "cascade": cascade(plant, settings.cascade, voltage_limit_v),
         "lqr": lqr_continuous(plant, mdp, voltage_limit_v),
+        "lqr_held": lqr_for_mdp(plant, mdp, voltage_limit_v),
         "lqi": lqi(plant, settings.lqi, voltage_limit_v),
     }
+
+
+def period_s(name: ControllerName, mdp: Mdp) -> float | None:
+    """Seconds for which the controller holds its voltage; None: one plant step."""
+    return mdp.plant_steps_per_decision * mdp.plant_step_s if name == "lqr_held" else None
 
 
 def classical_controllers(
@@ -49,16 +55,13 @@ def classical_reference_cost(
 ) -> dict[str, Array]:
     """Undiscounted cost of PID, cascade, LQR and LQI on the nonlinear plant, per start.
 
-    The duration defaults to one episode. The LQR is `lqr_for_mdp` and acts once a decision, as an agent does. The
-    others act at every plant step, as they would on a train, unless `held` puts them on the control period too.
+    The duration defaults to one episode. `lqr_held` acts once a decision, as an agent does. The others act at every
+    plant step, as they would on a train, unless `held` puts them on the control period too.
     """
-    limit = mdp.voltage_limit_v
-    laws = feedback_laws(plant, mdp, settings or ControlSettings(), limit)
-    laws["lqr"] = lqr_for_mdp(plant, mdp, limit)
-    decision_s = mdp.plant_steps_per_decision * mdp.plant_step_s
+    laws = feedback_laws(plant, mdp, settings or ControlSettings(), mdp.voltage_limit_v)
     found: dict[str, Array] = {}
     for name, law in laws.items():
-        period = decision_s if held or name == "lqr" else None
+        period = period_s("lqr_held" if held else name, mdp)
         starts, duration = np.asarray(starts_m, dtype=np.float64), duration_s or mdp.episode_duration_s
         found[name] = cost(plant, mdp, regulate(plant, mdp, law, starts, duration, control_period_s=period))
     return found

@@ -51,19 +51,21 @@ def regulate(
     integrator: Integrator | None = None,
     force_n: Array | None = None,
     limited: bool = True,
+    actual: Plant | None = None,
 ) -> Trajectory:
     """Bring magnets to the set-point that start at rest at `start_gap_m` [n] with the current of the set-point.
 
     The controller is called each `control_period_s` (default: each plant step) and its voltage is held in between,
     within +-mdp.voltage_limit_v about u_eq unless `limited` is false. `integrator` defaults to the process's own.
-    `force_n`: disturbance on the mass, shape [steps, n] or [steps, 1].
+    `force_n`: disturbance on the mass, shape [steps, n] or [steps, 1]. `actual`: the plant that moves, where it is
+    another than the one that set-point, limits and controller go by; its fields may be arrays of shape [n].
     """
     dt, point = mdp.plant_step_s, plant.equilibrium()
     steps, hold = round(duration_s / dt), 1 if control_period_s is None else round(control_period_s / dt)
     start = np.asarray(start_gap_m, dtype=np.float64)
     state = State(start.copy(), np.zeros_like(start), np.full_like(start, point.current_a))
-    advance = _Nonlinear(plant, dt, integrator or mdp.integrator) if plant_kind == "nonlinear" else None
-    linear = _Linear(plant, dt, integrator or mdp.integrator)
+    moving, kind = actual or plant, _Nonlinear if plant_kind == "nonlinear" else _Linear
+    advance = kind(moving, dt, integrator or mdp.integrator)
     states, voltages = np.empty((steps + 1, 3, start.size)), np.empty((steps, start.size))
     states[0] = state
     memory = controller.start(process.deviation(plant, state))
@@ -74,7 +76,7 @@ def regulate(
             if limited:
                 v = np.clip(v, -mdp.voltage_limit_v, mdp.voltage_limit_v)
         force = 0.0 if force_n is None else force_n[k]
-        state = (advance or linear)(state, point.voltage_v + v, force)
+        state = advance(state, point.voltage_v + v, force)
         states[k + 1], voltages[k] = state, point.voltage_v + v
     time_s: Array = np.arange(steps + 1, dtype=np.float64) * np.float64(dt)
     return Trajectory(time_s, states[:, 0], states[:, 1], states[:, 2], voltages)

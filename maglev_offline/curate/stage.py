@@ -13,6 +13,7 @@ from maglev_offline.curate.balance import (
     importance_weights,
     occupancy,
 )
+from maglev_offline.curate.plausibility import implausible
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.curate.transitions import STATE, transitions_of, unusable
 from maglev_offline.errors import ArtefactError
@@ -38,8 +39,8 @@ def curate(
 
     `folders`: the samples artefacts to take; all of the workspace, where it is not given.
 
-    The folder holds `transitions.parquet` (the curated set) and `candidates.parquet` (every usable transition, with
-    its cell), so that nothing that balance left out is lost.
+    The folder holds `transitions.parquet` (the curated set, from the logs for training) and `candidates.parquet` (every
+    usable transition of all logs), so that nothing that balance left out is lost.
 
     Raises
     ------
@@ -58,7 +59,8 @@ def curate(
     if workspace.is_current(home, mark):
         return home, False
 
-    table = transitions_of(load_samples(folders), plant, mdp)
+    samples = load_samples(folders)
+    table = transitions_of(samples, plant, mdp)
     if table.empty:
         raise ArtefactError(
             "no two samples follow each other in a segment, so there is no transition.",
@@ -79,17 +81,22 @@ def curate(
             f"curate.validation_share = {settings.validation_share:g} of {candidates['log_id'].nunique()} logs is less "
             "than one log: nothing is held out."
         )
-    candidates["cell"] = _cells(candidates, settings)
+    training = candidates[candidates["split"] == "train"].reset_index(drop=True)
+    training["cell"] = _cells(training, settings)
     chosen = balanced_choice(
-        candidates["cell"].to_numpy(), settings.target_rows, stream(settings.seed, "curate: balance")
+        training["cell"].to_numpy(), settings.target_rows, stream(settings.seed, "curate: balance")
     )
-    curated = candidates.iloc[chosen].reset_index(drop=True)
-    curated["weight"] = importance_weights(candidates["cell"].to_numpy(), chosen)
-    if len(candidates) <= settings.target_rows:
+    curated = training.iloc[chosen].reset_index(drop=True)
+    curated["weight"] = importance_weights(training["cell"].to_numpy(), chosen)
+    if len(training) <= settings.target_rows:
+        lost = f" ({_listing(reason)} of {len(table)} pairs are not usable)" if (reason != "").any() else ""
         progress.warn(
-            f"only {len(candidates)} usable transitions for curate.target_rows = {settings.target_rows}: "
+            f"only {len(training)} usable transitions{lost} for curate.target_rows = {settings.target_rows}: "
             "all are kept, nothing is balanced."
         )
+    doubts = implausible(samples, plant)
+    for doubt in doubts:
+        progress.warn(doubt)
 
     manifest = Manifest("transitions", mark, inputs)
     manifest.settings = {
@@ -100,9 +107,10 @@ def curate(
     manifest.counts = {"pairs": len(table), "candidates": len(candidates), "transitions": len(curated)}
     manifest.left_out = {
         **{str(code): int(n) for code, n in reason[reason != ""].value_counts().sort_index().items()},
-        "not_selected_by_balance": len(candidates) - len(curated),
+        "held_out_for_validation": len(candidates) - len(training),
+        "not_selected_by_balance": len(training) - len(curated),
     }
-    manifest.facts = coverage_facts(candidates, curated, settings)
+    manifest.facts = {**coverage_facts(training, curated, settings), "doubts": doubts}
     with workspace.commit(home, manifest) as draft:
         for name, part in (("transitions", curated), ("candidates", candidates)):
             write_parquet(part, draft / f"{name}.parquet")
@@ -126,19 +134,19 @@ def _split(log_id: pd.Series, settings: CurateSettings) -> np.ndarray:
     return np.where(log_id.isin(held_out), "validation", "train")
 
 
-def coverage_facts(candidates: pd.DataFrame, curated: pd.DataFrame, settings: CurateSettings) -> dict[str, object]:
+def coverage_facts(training: pd.DataFrame, curated: pd.DataFrame, settings: CurateSettings) -> dict[str, object]:
     """What balance changed: occupancy before and after, effective sample size, low-cost rows kept."""
-    low = float(candidates["cost"].quantile(settings.low_cost_quantile))
-    low_before = int((candidates["cost"] <= low).sum())
+    low = float(training["cost"].quantile(settings.low_cost_quantile))
+    low_before = int((training["cost"] <= low).sum())
     low_after = int((curated["cost"] <= low).sum())
     return {
-        "occupancy_before": occupancy(candidates["cell"].to_numpy())._asdict(),
+        "occupancy_before": occupancy(training["cell"].to_numpy())._asdict(),
         "occupancy_after": occupancy(curated["cell"].to_numpy())._asdict(),
         "effective_sample_size": effective_sample_size(curated["weight"].to_numpy()),
         "low_cost_threshold": low,
         "low_cost_rows_before": low_before,
         "low_cost_rows_after": low_after,
         "low_cost_share_kept": low_after / low_before,
-        "mean_cost_before": float(candidates["cost"].mean()),
+        "mean_cost_before": float(training["cost"].mean()),
         "mean_cost_after": float(curated["cost"].mean()),
     }

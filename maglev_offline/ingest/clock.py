@@ -57,8 +57,14 @@ def time_order(t_ns: Times, epoch: NDArray[np.int32]) -> NDArray[np.intp]:
 
 
 def steps_of(t_ns: Times) -> tuple[float | None, float | None, float | None]:
-    """Median, standard deviation and greatest of the steps between times in order, ns; None without a step."""
+    """Median, jitter and greatest of the steps between times in order, ns; None without a step.
+
+    The jitter is the standard deviation of those steps that lie within half of the median about it: pauses and holes
+    are no jitter.
+    """
     steps = np.diff(t_ns).astype(np.float64)
     if len(steps) == 0:
         return None, None, None
-    return float(np.median(steps)), float(np.std(steps)), float(np.max(steps))
+    median = np.median(steps)
+    near = steps[np.abs(steps - median) <= 0.5 * median]
+    return float(median), float(np.std(near)), float(np.max(steps))

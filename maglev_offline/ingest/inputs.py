@@ -14,7 +14,7 @@ def find_logs(asked: Iterable[str], relative_to: Path | None = None) -> list[Pat
 
     Raises
     ------
-    InputError: something that was asked for is not there, or nothing was asked for.
+    InputError: a folder or a pattern holds no log, or nothing was asked for.
     """
     found: dict[Path, Path] = {}
     for text in asked:
@@ -23,8 +23,10 @@ def find_logs(asked: Iterable[str], relative_to: Path | None = None) -> list[Pat
             matches = sorted(path.glob("*.mcap"))
         elif path.exists():
             matches = [path]
-        else:
+        elif glob.has_magic(text):
             matches = _matches(text, relative_to)
+        else:
+            matches = [path]  # reading it will say that it is not there, and the others go on
         if not matches:
             raise InputError(
                 "no MCAP file is there.",

@@ -43,6 +43,8 @@ def ingest_log(
     """
     where = str(path)
     info = read_info(path)
+    if not any(channel.message_count for channel in info.channels):
+        raise LogError("the log holds no messages.", where=where, todo="Check what was recorded, and leave it out.")
     leave_out = ("velocity",) if settings.velocity == "central_difference" else ()
     plan = resolve(signals, info.channels, where=where, leave_out=leave_out)
     if settings.velocity == "logged" and plan.signal_map.velocity is None:

@@ -201,6 +201,11 @@ def _ingest_one(
         f"{counts['points']} point{'s' * (counts['points'] != 1)} in {counts['segments']:,} "
         f"segment{'s' * (counts['segments'] != 1)}."
     )
+    period_ms = min(
+        (topic["period_ms"] for topic in made.facts["topics"].values() if topic["period_ms"]), default=settings.grid_ms
+    )
+    if period_ms < settings.grid_ms / 1.5:
+        text += f" The messages come every {period_ms:g} ms: [ingest] grid_ms = {settings.grid_ms:g} thins them out."
     return _done(task, folder, manifest, "ingested", text)
 
 

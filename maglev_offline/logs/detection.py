@@ -115,6 +115,21 @@ def suggest(channels: Sequence[ChannelInfo]) -> str:
         else:
             remark = "" if likeness == _CERTAIN else "  # a guess"
             lines.append(f'{name} = {{ field = "{field}", unit = "{unit or si_unit}" }}{remark}')
+    lines += [
+        "",
+        "# Then say what the log comes from: without these tables it is taken for a 700 kg magnet of a train,",
+        "# sampled every 100 ms. The values below are those of the train.",
+        "[ingest]",
+        "grid_ms = 100",
+        "",
+        "[plant]",
+        "mass_kg = 700",
+        "resistance_ohm = 1.2",
+        "inductance_slope_h_m = 3.054e-3  # c in L(x) = L0 + c / (x + a); L0 and a are 0 here",
+        "set_point_m = 0.008",
+        "gap_min_m = 0.0005",
+        "gap_max_m = 0.016",
+    ]
     return "\n".join([text, *lines])
 
 

@@ -15,8 +15,8 @@ def dimension_of(unit: str) -> str:
     """Return the dimension of `unit` in words; ValueError if pint does not know it."""
     try:
         return str(_registry().Unit(unit).dimensionality)
-    except Exception as error:  # pint raises many kinds, AttributeError and SyntaxError among them
-        raise ValueError(f"unit {unit!r} is not known ({error})") from None
+    except Exception:  # pint raises many kinds, AttributeError and SyntaxError among them
+        raise ValueError(f"{unit!r} is no unit that is known") from None
 
 
 def to_si_factor(unit: str, si_unit: str) -> float:

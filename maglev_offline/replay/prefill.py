@@ -90,14 +90,7 @@ def make_prefill(
         return home, False
 
     table = _read_transitions(source)
-    slots = np.flatnonzero(table["split"].to_numpy() == "train")
-    if not len(slots):
-        raise ArtefactError(
-            "none of the curated transitions is for training.",
-            where=str(source),
-            todo="Lower curate.validation_share or raise curate.target_rows, and curate again.",
-        )
-    held_out = len(table) - len(slots)
+    slots = np.arange(len(table))
     if settings.rows is not None and settings.rows < len(slots):
         slots = np.sort(stream(settings.seed, "prefill: rows").choice(slots, settings.rows, replace=False))
     columns = scaled(table.iloc[slots], mdp)
@@ -106,7 +99,7 @@ def make_prefill(
     manifest = Manifest(f"prefill/{algorithm}", mark, inputs)
     manifest.settings = {"prefill": settings.model_dump(mode="json"), "mdp": mdp.model_dump(mode="json")}
     manifest.counts = {"transitions": len(table), "rows": len(slots)}
-    manifest.left_out = {"held_out_for_validation": held_out, "over_prefill_rows": len(table) - held_out - len(slots)}
+    manifest.left_out = {"over_prefill_rows": len(table) - len(slots)}
     manifest.facts = {
         "algorithm": algorithm,
         "mean_cost": float(columns["cost"].astype(float).mean()),

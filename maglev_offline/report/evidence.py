@@ -16,7 +16,8 @@ from maglev_offline.replay.prefill import load_prefill
 from maglev_offline.workspace import Manifest, Workspace, input_hash
 
 REPORT = "report"
-"""Name of the report's own artefact, which is no evidence."""
+PAGES = (REPORT, "control_page")
+"""The pages are artefacts too, but no evidence."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,23 @@ class Evidence:
 
     @property
     def blocks(self) -> list[Artefact]:
-        """The blocks of seeds that the study holds; those of the transfer artefact, where there is one."""
-        study = self.get("transfer")
-        return [a for a in self.under("training") if study is None or a.name in study.manifest.inputs]
+        """The blocks of seeds that the study holds: those of the transfer artefact, where there is one.
+
+        Without one, those of each arm that were trained like its last block; a seed that came twice counts once.
+        """
+        study, trained = self.get("transfer"), self.under("training")
+        if study is not None:
+            return [a for a in trained if a.name in study.manifest.inputs]
+        chosen: list[Artefact] = []
+        for arm in dict.fromkeys(a.folder.parent.name for a in trained):
+            blocks = [a for a in trained if a.folder.parent.name == arm]
+            alike = [a for a in blocks if _training_of(a) == _training_of(blocks[-1])]
+            seen: set[int] = set()
+            for block in sorted(alike, key=lambda a: -len(a.facts["seeds"])):
+                if not seen & set(block.facts["seeds"]):
+                    seen |= set(block.facts["seeds"])
+                    chosen.append(block)
+        return chosen
 
     def curves(self) -> pd.DataFrame | None:
         """Evaluations of all runs: those that the verdict is about, or those trained so far."""
@@ -82,7 +97,7 @@ class Evidence:
         control = self.get("control")
         if control is None:
             return None
-        start = control.manifest.settings["reference_start_gap_m"]
+        start = control.manifest.settings["control"]["reference_start_gap_m"]
         table = pd.read_parquet(control.folder / file, filters=[("plant_kind", "==", "nonlinear")])
         return table[np.isclose(table["start_gap_m"], start)].reset_index(drop=True)
 
@@ -102,6 +117,18 @@ class Evidence:
             return Plant.model_validate(settings["plant"]), Mdp.model_validate(settings["mdp"])
         return None
 
+    def foreign(self, recipe: Mapping[str, Any]) -> list[str]:
+        """Names of artefacts that another recipe made: `name ([table], ...)`."""
+        found = []
+        for name, artefact in self.artefacts.items():
+            made, wanted = (_without_none(tables) for tables in (artefact.manifest.settings, recipe))
+            if name.startswith("training/"):
+                made, wanted = _without_seeds(made), _without_seeds(wanted)
+            other = [f"[{table}]" for table, value in made.items() if table in wanted and value != wanted[table]]
+            if other:
+                found.append(f"{name} ({', '.join(other)})")
+        return found
+
     def stale(self) -> list[str]:
         """Names of artefacts that were made from others which have changed since."""
         return [
@@ -109,6 +136,25 @@ class Evidence:
             for name, a in self.artefacts.items()
             if any(self.hashes.get(source, known) != known for source, known in a.manifest.inputs.items())
         ]
+
+
+def _training_of(block: Artefact) -> Any:
+    """What a block was trained with, but for which seeds it holds."""
+    return _without_seeds(block.manifest.settings)
+
+
+def _without_seeds(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of a recipe without what does not touch a single block: how many seeds and algorithms there are."""
+    training = tables.get("training", {})
+    kept = {key: value for key, value in training.items() if key not in ("seeds", "first_seed", "algorithms")}
+    return {**tables, "training": kept}
+
+
+def _without_none(value: Any) -> Any:
+    """A table without the keys that are not given, as recipes are written."""
+    if isinstance(value, Mapping):
+        return {key: _without_none(part) for key, part in value.items() if part is not None}
+    return [_without_none(part) for part in value] if isinstance(value, list) else value
 
 
 def gather(workspace: Workspace) -> Evidence:
@@ -121,7 +167,7 @@ def gather(workspace: Workspace) -> Evidence:
     found = {}
     for path in sorted(workspace.root.rglob("manifest.json")):
         parts = path.parent.relative_to(workspace.root).parts
-        if not parts or parts[0] == REPORT or any(part.startswith(".") for part in parts):
+        if not parts or parts[0] in PAGES or any(part.startswith(".") for part in parts):
             continue
         name = "/".join(parts)
         found[name] = Artefact(name, path.parent, Manifest.read(path.parent), input_hash(path.parent))

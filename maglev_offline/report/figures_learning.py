@@ -33,7 +33,7 @@ METRIC_LABELS = {
 }
 """The metrics of transfer, as readers call them."""
 
-REFERENCES = ("pid", "lqr", "lqi")
+REFERENCES = ("pid", "lqr_held", "lqi")
 
 
 def curves_figure(
@@ -92,16 +92,16 @@ def _draw_arm(ax: Axes, part: pd.DataFrame, arm: str, arms: list[str]) -> None:
 def forest_figure(verdict: Mapping[str, Any]) -> Figure:
     """Paired differences with their intervals, as a share of the empty arm's mean, so that all metrics share one axis.
 
-    A point to the right of zero means that prefill helps. The band is the margin within which a difference does not
-    matter.
+    A point to the right of zero means that prefill helps. The grey box of a row is the margin within which its
+    difference does not matter.
     """
     rows = forest_rows(verdict)
     with figure_style():
         figure = Figure(figsize=(FULL_WIDTH, 0.9 + 0.34 * len(rows)), layout="constrained")
         ax = figure.subplots()
         ax.grid(axis="y", visible=False)
-        margin = max((row["margin"] for row in rows), default=0.0)
-        ax.axvspan(-margin, margin, color="#eef0f2", linewidth=0, zorder=0)
+        margins = [row["margin"] for row in rows]
+        ax.barh(range(len(rows)), [2 * m for m in margins], left=[-m for m in margins], height=0.8, color="#e6e8eb")
         ax.axvline(0, color=INK, linewidth=0.8, zorder=1)
         for y, row in enumerate(rows):
             colour = VERDICTS[row["verdict"]]
@@ -122,7 +122,7 @@ def forest_figure(verdict: Mapping[str, Any]) -> Figure:
                 ax.axhline(y - 0.5, color=RULE, linewidth=0.8)
         ax.spines["left"].set_visible(False)
         gap = "\u2003" * 2
-        scale = _symmetric(ax, margin)
+        scale = _symmetric(ax, min(margins, default=0.0))
         what = f"difference, % of the mean with an empty buffer{scale}"
         ax.set_xlabel(f"← prefill harms{gap}{what}{gap}prefill helps →")
         ax.xaxis.label.set_color(SOFT)
@@ -141,7 +141,8 @@ def _symmetric(ax: Axes, margin: float) -> str:
     compressed = margin > 0 and reach > 12 * margin
     if compressed:
         ax.set_xscale("symlog", linthresh=2 * margin, linscale=0.8)
-        places = [p for p in (5, 10, 30, 100, 300, 1_000, 3_000, 10_000, 100_000) if margin <= p <= reach]
+        margin = float(f"{margin:.1g}")
+        places = [p for p in (3, 10, 30, 100, 300, 1_000, 3_000, 10_000, 100_000) if 2 * margin <= p <= reach]
         ax.set_xticks([*(-p for p in reversed(places)), 0, *places])
         ax.minorticks_off()
     ax.set_xlim(-1.05 * reach, 1.05 * reach)

@@ -26,7 +26,13 @@ def origin_section(evidence: Evidence) -> Section:
     if not logs:
         section.blocks.append(not_yet("No log has been ingested into this workspace.", INGEST))
         return section
-    section.blocks += [_logs_table(logs), _timing_table(logs), *_sums(logs)]
+    transitions = evidence.get("transitions")
+    curated = None if transitions is None else set(transitions.manifest.inputs)
+    section.blocks += [_logs_table(logs, curated), _timing_table(logs), *_sums(logs)]
+    unused = [log.name for log in logs if curated is not None and log.name not in curated]
+    if unused:
+        text = f"In the workspace, but not in the transitions that this page is about: {', '.join(unused)}."
+        section.blocks.append(Paragraph(text, "warning"))
     left_out = _left_out_table(evidence, logs)
     if left_out.rows:
         section.blocks.append(left_out)
@@ -35,11 +41,12 @@ def origin_section(evidence: Evidence) -> Section:
     return section
 
 
-def _logs_table(logs: list[Artefact]) -> Table:
+def _logs_table(logs: list[Artefact], curated: set[str] | None) -> Table:
+    """Every log; `curated` names the artefacts that the transitions were made from."""
     rows = []
     for log in logs:
         facts, counts = log.facts, log.manifest.counts
-        origin = "simulated" if facts.get("simulated") else "recorded"
+        origin = "simulated" if facts.get("simulated") else "not marked"
         rows.append(
             [
                 str(facts.get("file", log.folder.name)),
@@ -47,15 +54,19 @@ def _logs_table(logs: list[Artefact]) -> Table:
                 origin,
                 *(whole(counts.get(name)) for name in ("messages", "messages_used", "messages_quarantined")),
                 *(whole(counts.get(name)) for name in ("rows", "rows_quarantined", "points", "segments")),
+                "yes" if curated is not None and log.name in curated else "no",
             ]
         )
     if len(logs) > 1:
         names = ("messages", "messages_used", "messages_quarantined", "rows", "rows_quarantined", "points", "segments")
         total = [whole(sum(log.manifest.counts.get(name, 0) for log in logs)) for name in names]
-        rows.append(["all logs", "", "", *total])
+        rows.append(["all logs", "", "", *total, ""])
     head = ["file", "SHA-256", "origin", "messages", "used", "quarantined"]
-    head += ["samples", "samples put aside", "points", "segments"]
-    caption = "The logs, and how many of their messages and samples are used. From the manifests of samples."
+    head += ["samples", "put aside", "points", "segments", "curated"]
+    caption = (
+        "The logs, how many of their messages became samples, and whether the transitions were made from them. "
+        "Simulated: the log says so itself; not marked: it does not say. From the manifests of samples and transitions."
+    )
     return Table(caption, head, rows, labels=3)
 
 
@@ -75,7 +86,7 @@ def _timing_table(logs: list[Artefact]) -> Table:
                 "logged" if facts.get("set_point") == "logged" else "the plant’s",
                 number(float(np.median(periods)) if periods else None),
                 number(max(jitter) if jitter else None, 2),
-                whole(sum(topic.get("resets", 0) for topic in topics)),
+                whole(max((topic.get("resets", 0) for topic in topics), default=0)),
             ]
         )
     head = ["file", "first sample (UTC)", "last sample (UTC)", "velocity", "set-point"]

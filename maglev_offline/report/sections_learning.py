@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
 from maglev_offline.report import figures_control, figures_learning, words
 from maglev_offline.report.agent_metrics import agent_metrics
 from maglev_offline.report.evidence import Artefact, Evidence
@@ -44,9 +46,20 @@ def regulation_section(evidence: Evidence, *, trains: bool = True) -> Section:
     return section
 
 
+def _periods(process: tuple[Plant, Mdp] | None) -> str:
+    """How often each controller acts."""
+    if process is None:
+        return ""
+    mdp = process[1]
+    return (
+        f" The held LQR and the agents decide every {plain(mdp.control_period_ms)} ms, the other controllers every "
+        f"{plain(mdp.plant_step_ms)} ms."
+    )
+
+
 def _start_m(control: Artefact | None, blocks: Sequence[Artefact]) -> float | None:
     if control is not None:
-        return float(control.manifest.settings["reference_start_gap_m"])
+        return float(control.manifest.settings["control"]["reference_start_gap_m"])
     return float(blocks[0].manifest.settings["evaluation"]["reference_start_gap_m"]) if blocks else None
 
 
@@ -68,7 +81,7 @@ def _regulation_plots(evidence: Evidence, classical: pd.DataFrame | None, agents
             f"the last policies of the agents (training/…/regulation.parquet): {words.seeds_words(seeds)} in each arm, "
             "each a thin line, with their median at each instant in bold"
         )
-    caption = f"Gap, voltage and current over the first {plain(duration)} s: {'; '.join(parts)}."
+    caption = f"Gap, voltage and current over the first {plain(duration)} s: {'; '.join(parts)}.{_periods(process)}"
     label = f"Responses of {listing([p.split(' (')[0] for p in parts])} over {plain(duration)} seconds."
     plots: list[Block] = [Plot("regulation", figure, caption, label)]
     if classical is not None and classical["t_s"].max() > 1.5 * duration:
@@ -134,7 +147,8 @@ def curves_section(evidence: Evidence, *, trains: bool = True) -> Section:
             for name in figures_learning.REFERENCES
             if name in reference
         ]
-        lines = f" Horizontal lines: {listing(values)}; threshold {number(threshold)}."
+        lines = f" Horizontal lines, over the same starts: {listing(values)}; threshold {number(threshold)}."
+        lines += _periods(evidence.process())
     shade = f" Shaded on the left: the {whole(exploratory)} exploratory steps." if exploratory else ""
     caption = (
         f"Cost (minus the return) of evaluation episodes without exploration noise, mean over the fixed starts, on a "
@@ -160,8 +174,9 @@ def verdict_section(evidence: Evidence, *, trains: bool = True) -> Section:
             f"Difference between the arms, paired by seed (empty minus prefilled), with its "
             f"{percent(settings['confidence'])} bootstrap interval, in per cent of the mean with an empty buffer; on "
             f"the right in the metric’s own unit. "
-            f"Grey band: the margin of {percent(settings['equivalence_share'])} within which a difference does not "
-            f"matter. Filled: the interval decides; hollow: it does not, or the arms are equivalent. From transfer."
+            f"Grey: the margin within which a difference does not matter, {percent(settings['equivalence_share'])} of "
+            f"the held LQR’s cost, or of the length of a run. Filled: the interval decides; hollow: it does not, or "
+            f"the arms are equivalent. From transfer."
         )
         label = f"Forest plot of {len(rows)} differences: " + "; ".join(
             f"{row['label'].replace('  ', ' ')} {row['verdict']}" for row in rows
@@ -215,7 +230,7 @@ def _arms_table(facts: Mapping[str, Any]) -> Table:
                         for key in ("share_reached", "share_within_half_mm", "share_settled")
                     ),
                     number(
-                        None if arm["median_final_worst_bias_m"] is None else 1e3 * arm["median_final_worst_bias_m"]
+                        None if arm["median_final_worst_error_m"] is None else 1e3 * arm["median_final_worst_error_m"]
                     ),
                     number(arm["mean_drift"]),
                     whole(arm["diverged"]),
@@ -226,13 +241,14 @@ def _arms_table(facts: Mapping[str, Any]) -> Table:
         "reach the threshold",
         "within 0.5 mm at the end",
         "settle",
-        "median worst bias, mm",
+        "median worst error, mm",
         "drift",
         "diverged",
     ]
     caption = (
-        "The runs of each arm. Within 0.5 mm: the largest bias over the evaluation starts; settle: from the reference "
-        "start; drift: change of the cost along the last evaluations (negative: still improving). From transfer."
+        "The runs of each arm. Within 0.5 mm: the largest gap error over the last 20 % of the episode, over all "
+        "evaluation starts; settle: from the reference start; drift: change of the cost along the last evaluations "
+        "(negative: still improving). From transfer."
     )
     return Table(caption, head, rows)
 

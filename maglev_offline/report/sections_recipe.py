@@ -13,10 +13,11 @@ def recipe_section(
 ) -> Section:
     """The whole recipe, the versions and hashes of all artefacts, and the commands."""
     section = Section("recipe", "Recipe, versions and hashes")
-    steps = ["curate", "control", *(["transfer"] if trains else []), "report"]
+    steps = ["control", *(["prefill", "transfer"] if trains else []), "report"]
+    logs = "" if recipe.get("logs") else " LOGS..."
     commands = "\n".join(
         [
-            f"maglev-offline run RECIPE.toml          # all of it; RECIPE.toml is the recipe “{recipe_name}”",
+            f"maglev-offline run RECIPE.toml{logs}     # all of it; RECIPE.toml is “{recipe_name}”, see below",
             "",
             "maglev-offline ingest LOGS... --recipe RECIPE.toml   # the same in steps",
             *(f"maglev-offline {step}" for step in steps),

@@ -7,6 +7,7 @@ from typing import Any
 import jinja2
 
 from maglev_offline import __version__
+from maglev_offline.errors import ArtefactError
 from maglev_offline.progress import SILENT, Progress
 from maglev_offline.report import words
 from maglev_offline.report.evidence import REPORT, Evidence, gather
@@ -25,12 +26,14 @@ from maglev_offline.report.sections_learning import (
     settling_of,
     verdict_section,
 )
+from maglev_offline.report.sections_plant import plant_section
 from maglev_offline.report.sections_recipe import recipe_section
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.svg import inline_svg
 from maglev_offline.workspace import Manifest, Workspace, fingerprint
 
 PAGE = "report.html"
+CONTROL_PAGE = "control_page"
 
 
 def build_report(
@@ -50,13 +53,19 @@ def build_report(
     ArtefactError: the manifest of an artefact is damaged.
     """
     evidence = gather(workspace)
+    if not evidence.artefacts:
+        raise ArtefactError(
+            "there is nothing in the workspace to report on.",
+            where=str(workspace.root),
+            todo="Run `maglev-offline ingest LOGS...` first, or give the right --workspace.",
+        )
     home = workspace.path(REPORT)
     mark = fingerprint("report", evidence.hashes, settings, recipe=dict(recipe), recipe_name=recipe_name)
     if workspace.is_current(home, mark):
         return home / PAGE, False
     for name in evidence.stale():
         progress.warn(f"report: {name} was made from artefacts that have changed since; run its stage again.")
-    head = head_section(evidence, trains=recipe_trains(recipe))
+    head = head_section(evidence, recipe)
     sections = body_sections(evidence, settings, recipe, recipe_name, mark)
     manifest = Manifest(REPORT, mark, evidence.hashes)
     manifest.settings = {"report": settings.model_dump(mode="json")}
@@ -70,14 +79,39 @@ def build_report(
     return home / PAGE, True
 
 
+def build_control_page(workspace: Workspace, recipe: Mapping[str, Any]) -> Path:
+    """Commit `control_page/control.html`, the plant and its classical controllers alone; return its path.
+
+    Raises
+    ------
+    ArtefactError: the `control` artefact has not been made.
+    """
+    everything = gather(workspace)
+    control = everything.get("control")
+    if control is None:
+        raise ArtefactError(
+            "the classical controllers have not been tried.", where=str(workspace.root), todo="Run `control` first."
+        )
+    evidence = Evidence({"control": control})
+    home = workspace.path(CONTROL_PAGE)
+    mark = fingerprint(CONTROL_PAGE, evidence.hashes, recipe=dict(recipe))
+    page = home / "control.html"
+    if not workspace.is_current(home, mark):
+        sections = [plant_section(evidence), regulation_section(evidence, trains=False)]
+        title = f"The plant and its classical controllers: {recipe.get('name', 'defaults')}"
+        with workspace.commit(home, Manifest(CONTROL_PAGE, mark, evidence.hashes)) as draft:
+            (draft / page.name).write_text(render(title, Section("head", ""), sections), encoding="utf-8")
+    return page
+
+
 def recipe_trains(recipe: Mapping[str, Any]) -> bool:
     """Whether the recipe has an agent to train; one that does not say so has."""
     return bool(recipe.get("training", {}).get("algorithms", True))
 
 
-def head_section(evidence: Evidence, *, trains: bool) -> Section:
-    """The answer, where the data came from, and whether the agents learned at all; `trains`: the recipe has agents."""
-    head = Section("head", "")
+def head_section(evidence: Evidence, recipe: Mapping[str, Any]) -> Section:
+    """The answer, where the data came from, whether the agents learned at all, and what to doubt."""
+    head, trains = Section("head", ""), recipe_trains(recipe)
     study, logs = evidence.get("transfer"), evidence.under("samples")
     if study is not None:
         rows = {a.folder.name: a.manifest.counts["rows"] for a in evidence.under("prefill")}
@@ -94,6 +128,13 @@ def head_section(evidence: Evidence, *, trains: bool) -> Section:
     simulated = words.simulated_sentence(sum(bool(log.facts.get("simulated")) for log in logs), len(logs))
     if simulated:
         head.blocks.append(Paragraph(simulated, "note"))
+    transitions = evidence.get("transitions")
+    doubts = [] if transitions is None else transitions.facts.get("doubts", [])
+    head.blocks += [Paragraph(f"To be doubted: {doubt}", "warning") for doubt in doubts]
+    foreign = evidence.foreign(recipe)
+    if foreign:
+        text = f"Made with other tables than those of the recipe that this page shows: {', '.join(foreign)}."
+        head.blocks.append(Paragraph(text, "warning"))
     stale = evidence.stale()
     if stale:
         text = f"Older than what they were made from, and to be made again: {', '.join(stale)}."
@@ -111,6 +152,7 @@ def body_sections(
         trajectories_section(evidence, settings),
         coverage_section(evidence),
         prefill_section(evidence, trains=trains),
+        plant_section(evidence),
         regulation_section(evidence, trains=trains),
         curves_section(evidence, trains=trains),
         verdict_section(evidence, trains=trains),

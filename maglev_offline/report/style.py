@@ -32,6 +32,7 @@ CONTROLLERS = {
     "pid": Stroke("PID", "#4d4d4d"),
     "cascade": Stroke("cascade", "#999999", (0, (5, 1.5))),
     "lqr": Stroke("LQR", "#009E73"),
+    "lqr_held": Stroke("LQR, held", "#56B4E9", (0, (3, 1, 1, 1))),
     "lqi": Stroke("LQI", "#CC79A7", (0, (4, 1.5))),
     "lqi_ekf": Stroke("LQI + EKF", "#7B3294", (0, (1, 1.2))),
 }

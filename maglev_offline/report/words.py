@@ -60,18 +60,21 @@ def arm_words(arm: str, rows: int | None) -> str:
 def headline(verdict: Mapping[str, Any]) -> str:
     """Say in a line or two what prefill does, and which algorithms have not learned their task anyway."""
     groups: dict[str, list[str]] = {}
+    primary = verdict["primary_metric"]
     for algorithm, found in verdict["algorithms"].items():
-        words = [effect["verdict"] for arm in found["effects"] for effect in _telling(found, arm).values()]
+        # A primary metric that says nothing (see `_telling`) has established nothing.
+        telling = [_telling(found, arm) for arm in found["effects"]]
+        words = [effects[primary]["verdict"] if primary in effects else "inconclusive" for effects in telling]
         groups.setdefault(_outcome(words), []).append(algorithm_label(algorithm))
     parts = [outcome.format(listing(names)) for outcome, names in groups.items()]
-    text = f"Prefill with logged data {listing(parts)}." if parts else ""
+    text = f"Judged by {METRIC_WORDS[primary]}, prefill with logged data {listing(parts)}." if parts else ""
     failing = [algorithm_label(name) for name, found in verdict["algorithms"].items() if not has_learned(found)]
     if failing:
         if len(failing) == len(verdict["algorithms"]) == 2:
             subject = "Neither has"
         else:
             subject = f"{listing(failing)} {'has' if len(failing) == 1 else 'have'} not"
-        text += f" {subject} yet learned to hold the gap, with or without it."
+        text += f" {subject} yet learned to regulate: to settle and stay within 0.5 mm in most runs."
     return text.strip()
 
 
@@ -84,7 +87,7 @@ def _telling(found: Mapping[str, Any], arm: str) -> dict[str, Mapping[str, Any]]
 def _outcome(verdicts: Sequence[str]) -> str:
     helps, harms = "positive" in verdicts, "negative" in verdicts
     if helps and harms:
-        return "helps {} in one respect and harms it in another"
+        return "helps {} in one arm and harms it in another"
     if harms:
         return "harms {}"
     if helps:
@@ -125,17 +128,18 @@ def _clause(verdict: str, effects: Mapping[str, Mapping[str, Any]], confidence: 
         else:
             whats.append(f"the {METRIC_NAMES[metric]} ({inside})")
     return {
-        "negative": "raised {}: negative transfer",
-        "positive": "lowered {}: positive transfer",
+        "negative": "raised {}: negative",
+        "positive": "lowered {}: positive",
         "equivalent": "made no difference that matters to {}: equivalent",
         "inconclusive": "left open which way {} would go: inconclusive",
     }[verdict].format(listing(whats))
 
 
 def effect_words(metric: str, effect: Mapping[str, Any], confidence: float | None) -> str:
-    """One effect: `−3.1, 95 % interval −5.0 to −1.2, 8 seeds`, or without confidence `−3.1, −5.0 to −1.2`."""
+    """One effect: `33.3 to 41.8, difference −8.5, 95 % interval −14 to −2, 8 seeds`; without confidence, shorter."""
     unit = " steps" if metric == "time_to_threshold" else ""
-    difference = f"{number(effect['difference'])}{unit}"
+    means = f"{number(effect['baseline_mean'])} to {number(effect['arm_mean'])}{unit}"
+    difference = f"{means}, difference {number(effect['difference'])}"
     if effect["low"] is None or effect["high"] is None:
         return f"{difference}, no interval from {seeds_words(effect['seeds'])}"
     span = interval(effect["low"], effect["high"])
@@ -166,22 +170,22 @@ def learned_sentence(verdict: Mapping[str, Any]) -> str:
             counts.append(f"{within} of {n} with {start} ({settled} settle{'s' * (settled == 1)})")
         parts.append(f"{algorithm_label(algorithm)} {listing(counts)}")
     return (
-        f"Runs that hold the gap within 0.5 mm from every start at the end of training: {'; '.join(parts)}. "
-        "A run settles if it stays within 2 % of its first deviation from the reference start."
+        f"Last policies whose gap error stays within 0.5 mm over the last 20 % of the episode from every start: "
+        f"{'; '.join(parts)}. A run settles if it stays within 2 % of its first deviation from the reference start."
     ).replace("2 %", f"2{NO_BREAK}%")
 
 
 def classical_sentence(settling_s: Mapping[str, float | None]) -> str:
-    """Set LQR and LQI beside the agents: how fast they settle from the reference start."""
-    known = {"lqr": "LQR", "lqi": "LQI"}
+    """Set LQR and LQI beside the agents, how often each acts, and how fast they settle from the reference start."""
+    known = {"lqr_held": "the LQR that decides as often as they do", "lqi": "the LQI at every plant step"}
     parts = [
-        f"{label} settles in {number(settling_s[name], 2)} s"
+        f"{label} settles in {number(settling_s[name], 2)} s from the reference start"
         if settling_s[name] is not None
         else f"{label} does not settle"
         for name, label in known.items()
         if name in settling_s
     ]
-    return f"For comparison, {listing(parts)} from the reference start." if parts else ""
+    return f"For comparison, {listing(parts)}." if parts else ""
 
 
 def simulated_sentence(simulated: int, logs: int) -> str:

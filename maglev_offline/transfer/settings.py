@@ -7,18 +7,22 @@ from pydantic import Field
 from maglev_offline.settings import Settings
 
 ArmName = Literal["empty", "prefill"]
+MetricName = Literal["jumpstart", "asymptote", "area", "time_to_threshold"]
 
 
 class TransferSettings(Settings):
     """What is compared, and how a difference is judged.
 
+    `primary_metric`: the one that the answer is about; the others are reported beside it, as exploration.
+
     `first_evaluations`: window of the jumpstart, from the first evaluation after a gradient step. `last_evaluations`:
     window of the asymptote. `threshold_over_lqr`: the threshold is this multiple of the LQR's cost, never taken from an
     arm that is judged. `hold_evaluations`: so many evaluations in a row must reach it. `equivalence_share`: smallest
-    effect of interest, as a share of the empty arm's value.
+    effect of interest, as a share of the LQR's cost, or of a run's length for the time to the threshold.
     """
 
     baseline: Literal["empty"] = "empty"
+    primary_metric: MetricName = "area"
     arms: tuple[ArmName, ...] = ("empty", "prefill")
     first_evaluations: int = Field(default=3, ge=1)
     last_evaluations: int = Field(default=5, ge=1)

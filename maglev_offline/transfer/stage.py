@@ -1,5 +1,6 @@
 """The stage: train the arms, compare them seed by seed, and say whether prefill helps or harms."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -81,14 +82,17 @@ def run_transfer(
             world.plant, world.mdp, world.evaluation.start_gaps_m, settings=control
         ).items()
     }
-    threshold = settings.threshold_over_lqr * reference["lqr"]
+    threshold = settings.threshold_over_lqr * reference["lqr_held"]
     table = seed_metrics(curves, world, settings, threshold)
+    margins = dict.fromkeys(METRICS, settings.equivalence_share * reference["lqr_held"])
+    margins["time_to_threshold"] = settings.equivalence_share * world.training.steps
     verdict = {
         "direction": "costs: a positive difference (empty minus prefill) means that prefill helps",
         "reference_cost": reference,
         "threshold_cost": threshold,
+        "primary_metric": settings.primary_metric,
         "algorithms": {
-            algorithm: compare(table[table["algorithm"] == algorithm], settings)
+            algorithm: compare(table[table["algorithm"] == algorithm], settings, margins)
             for algorithm in world.training.algorithms
         },
     }
@@ -140,7 +144,7 @@ def seed_metrics(curves: pd.DataFrame, world: World, settings: TransferSettings,
                     "time_to_threshold": time.steps,
                     "reached": time.reached,
                     "drift": metrics.drift(steps, cost, settings.last_evaluations),
-                    "final_worst_bias_m": last["worst_bias_m"].to_numpy(),
+                    "final_worst_error_m": last["worst_error_m"].to_numpy(),
                     "final_settling_time_s": last["settling_time_s"].to_numpy(),
                     "diverged": last["diverged"].to_numpy(),
                 }
@@ -149,8 +153,8 @@ def seed_metrics(curves: pd.DataFrame, world: World, settings: TransferSettings,
     return pd.concat(rows, ignore_index=True)
 
 
-def compare(table: pd.DataFrame, settings: TransferSettings) -> dict[str, Any]:
-    """Compare every arm of one algorithm with the baseline, paired by seed."""
+def compare(table: pd.DataFrame, settings: TransferSettings, margins: Mapping[str, float]) -> dict[str, Any]:
+    """Compare every arm of one algorithm with the baseline, paired by seed; `margins` by metric, in its own unit."""
     arms = {arm: group.set_index("seed").sort_index() for arm, group in table.groupby("arm", sort=False)}
     base = arms[settings.baseline]
     found: dict[str, Any] = {"arms": {arm: _arm_facts(group) for arm, group in arms.items()}, "effects": {}}
@@ -162,7 +166,7 @@ def compare(table: pd.DataFrame, settings: TransferSettings) -> dict[str, Any]:
                 paired_effect(
                     base[metric].to_numpy(),
                     group.loc[base.index, metric].to_numpy(),
-                    margin=settings.equivalence_share * abs(float(base[metric].mean())),
+                    margin=margins[metric],
                     confidence=settings.confidence,
                     resamples=settings.resamples,
                     rng=stream(settings.seed, f"bootstrap {metric}"),
@@ -177,9 +181,9 @@ def _arm_facts(group: pd.DataFrame) -> dict[str, Any]:
     return {
         "seeds": len(group),
         "share_reached": float(group["reached"].mean()),
-        "share_within_half_mm": float((group["final_worst_bias_m"] <= 0.5e-3).mean()),
+        "share_within_half_mm": float((group["final_worst_error_m"] <= 0.5e-3).mean()),
         "share_settled": float(group["final_settling_time_s"].notna().mean()),
-        "median_final_worst_bias_m": float(group["final_worst_bias_m"].median()),
+        "median_final_worst_error_m": float(group["final_worst_error_m"].median()),
         "mean_drift": float(group["drift"].mean()),
         "diverged": int(group["diverged"].sum()),
     }

@@ -1,7 +1,7 @@
 import pandas as pd
 import pytest
 
-from maglev_offline.agents.stage import Arm, load_curves, load_regulation, train_arms
+from maglev_offline.agents.stage import Arm, load_curves, train_arms
 from maglev_offline.progress import Silent
 from maglev_offline.workspace import Manifest, Workspace
 
@@ -26,7 +26,8 @@ def test_every_block_of_seeds_is_an_artefact_with_curves_policies_and_responses(
     curves = load_curves(folders[ARM])
     assert sorted(curves["seed"].unique()) == [0, 1, 2, 3, 4]
     assert set(curves["algorithm"]) == {"ddpg"}
-    assert sorted(load_regulation(folders[ARM])["seed"].unique()) == [0, 1, 2, 3, 4]
+    responses = pd.concat([pd.read_parquet(folder / "regulation.parquet") for folder in folders[ARM]])
+    assert sorted(responses["seed"].unique()) == [0, 1, 2, 3, 4]
 
 
 def test_trained_blocks_are_taken_as_they_are_and_more_seeds_only_add_blocks(workspace, world):

@@ -2,7 +2,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from maglev_offline.agents.settings import EvaluationSettings
 from maglev_offline.agents.training import train_block
+from maglev_offline.mdp import Mdp
 
 
 def train(world, seeds, prefill=None, algorithm="td3", **changes):
@@ -23,6 +25,14 @@ def test_the_same_seeds_give_the_same_bits(world, algorithm):
     one, two = (train(world, [0, 1, 2], algorithm=algorithm) for _ in range(2))
     pd.testing.assert_frame_equal(one.curves, two.curves, check_exact=True)
     assert all(np.array_equal(one.last[name], two.last[name]) for name in one.last)
+
+
+def test_the_evaluation_of_a_seed_does_not_depend_on_its_company_either(world):
+    """At the real length and starts, where another rounding grows into another response."""
+    real = world._replace(mdp=Mdp(), evaluation=EvaluationSettings(every_steps=120))
+    alone, together = (train(real, seeds, block=4, steps=120).curves for seeds in ([2], [0, 1, 2, 3]))
+    curve = together[together["seed"] == 2].reset_index(drop=True)
+    pd.testing.assert_frame_equal(alone, curve, check_exact=True)
 
 
 @pytest.mark.parametrize("algorithm", ["ddpg", "td3"])
@@ -58,9 +68,11 @@ def test_arms_are_paired_they_differ_only_after_the_first_gradient_step(world):
 def test_the_best_actor_is_the_one_with_the_least_cost_on_the_selection_starts(world):
     trained = train(world, [0], steps=300, exploratory_steps=60)
     best = trained.curves.loc[trained.curves["selection_cost"].idxmin()]
-    from maglev_offline.agents.evaluation import evaluate
+    from maglev_offline.agents.evaluation import judge, roll_out
 
-    again = evaluate(trained.best, world.plant, world.mdp, world.evaluation)
+    block = {name: np.repeat(value, world.training.block, axis=0) for name, value in trained.best.items()}
+    response = roll_out(block, world.plant, world.mdp, world.evaluation)
+    again = judge(response, block, world.plant, world.mdp, world.evaluation)
     assert again.loc[0, "selection_cost"] == pytest.approx(best["selection_cost"], rel=1e-9)
 
 

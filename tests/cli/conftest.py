@@ -22,6 +22,8 @@ target_rows = 200
 [control]
 duration_s = 0.5
 start_gaps_m = [0.01]
+robustness_cells = 3
+robustness_duration_s = 0.2
 [training]
 algorithms = ["ddpg"]
 seeds = 2

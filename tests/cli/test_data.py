@@ -76,7 +76,9 @@ def test_curating_with_another_recipe_makes_the_transitions_anew(here, call):
 @pytest.mark.parametrize("command", [("curate",), ("prefill",), ("control",)])
 def test_any_command_that_works_in_a_workspace_lets_it_remember_its_recipe(here, call, command):
     call("ingest", "logs")
-    (here / "named.toml").write_text('name = "named"\n')
+    (here / "named.toml").write_text(
+        'name = "named"\n[control]\nduration_s = 0.5\nrobustness_cells = 2\nrobustness_duration_s = 0.1\n'
+    )
     assert call(*command, "--recipe", "named.toml").code == 0
     assert "recipe: named" in call("report").err
 
@@ -158,3 +160,84 @@ def test_bad_logs_are_refused_by_a_look_too(call, bad_files):
     called = call("inspect", bad_files / "text.mcap", "--json")
     assert (called.code, called.json["status"], called.json["logs"]) == (2, "refused", [])
     assert "text.mcap" in called.json["refused"][0]["where"]
+
+
+def test_a_path_that_is_not_there_is_refused_alone(here, call):
+    called = call("ingest", "none.mcap", "logs", "--json")
+    assert called.code == 2
+    status = [log["status"] for log in called.json["logs"]]
+    assert sorted(status) == ["ingested", "ingested", "ingested", "refused"]
+    assert called.json["transitions"]["status"] == "done"
+    (told,) = [line for line in called.err.splitlines() if "none.mcap" in line]
+    assert told.startswith("error: ")
+    assert len(Workspace(here / "workspace").list("samples")) == 3
+
+
+def test_nothing_is_curated_where_no_log_can_be_used(here, call):
+    (here / "bad.mcap").write_text("no MCAP")
+    call("ingest", "logs")
+    before = hashes(here / "workspace")
+    called = call("ingest", "bad.mcap", "--recipe", "tiny.toml", "--json")
+    assert called.code == 2
+    assert called.json["transitions"] is None
+    assert hashes(here / "workspace") == before
+
+
+@pytest.mark.parametrize("kind", ["samples", "transitions"])
+@pytest.mark.parametrize("damage", ["cut", "gone", "other"])
+def test_ingest_makes_a_tampered_artefact_anew(here, call, kind, damage):
+    call("ingest", "logs")
+    before = hashes(here / "workspace")
+    path = sorted((here / "workspace").rglob(f"{kind}.parquet"))[0]
+    whole = path.read_bytes()
+    if damage == "gone":
+        path.unlink()
+    elif damage == "cut":
+        path.write_bytes(whole[:100])
+    else:
+        pd.read_parquet(path).head(20).to_parquet(path)
+    assert call("ingest", "logs").code == 0
+    assert path.read_bytes() == whole
+    assert hashes(here / "workspace") == before
+
+
+def test_curate_makes_tampered_transitions_anew_and_prefill_refuses_them(here, call):
+    call("ingest", "logs")
+    path = here / "workspace/transitions/transitions.parquet"
+    whole = path.read_bytes()
+    pd.read_parquet(path).head(20).to_parquet(path)
+    refused = call("prefill", "--algo", "ddpg")
+    assert refused.code == 2
+    assert "transitions.parquet is not what was written there. Remove that folder and run its stage" in refused.err
+    assert not (here / "workspace/prefill").exists()
+    assert call("curate", "--json").json["status"] == "done"
+    assert path.read_bytes() == whole
+    assert call("prefill", "--algo", "ddpg").code == 0
+
+
+def test_curate_refuses_tampered_samples(here, call):
+    call("ingest", "logs")
+    path = sorted((here / "workspace").rglob("samples.parquet"))[0]
+    pd.read_parquet(path).head(20).to_parquet(path)
+    refused = call("curate")
+    assert refused.code == 2
+    assert "samples.parquet is not what was written there" in refused.err
+
+
+def test_the_recipe_of_a_command_that_failed_is_not_remembered(here, call):
+    call("ingest", "logs", "--recipe", "tiny.toml")
+    (here / "finer.toml").write_text('name = "finer"\n[ingest]\ngrid_ms = 50\n')
+    assert call("curate", "--recipe", "finer.toml").code == 2
+    later = call("curate", "--json")
+    assert "recipe: tiny" in later.err
+    assert later.json["status"] == "unchanged"
+
+
+def test_logs_that_do_not_fit_the_plant_are_doubted_in_a_warning_and_on_the_page(here, call):
+    (here / "heavy.toml").write_text("[plant]\nmass_kg = 70_000\n")
+    warned = call("ingest", "logs", "--recipe", "heavy.toml").err
+    assert "carries 70000 kg" in warned
+    assert call("report").code == 0
+    page = (here / "workspace/report/report.html").read_text()
+    assert "To be doubted: the logged current (median " in page
+    assert "carries 70000 kg" in page

@@ -29,6 +29,29 @@ def test_start_at_the_set_point() -> None:
     assert np.isnan(metrics.overshoot(still)[0])
 
 
+def test_an_error_that_crosses_the_band_as_the_response_ends_has_not_settled() -> None:
+    crossing = np.linspace(1, 0, 1001)[:, None]  # within 2 % for the last 20 ms
+    assert np.isnan(metrics.settling_time_s(TIME, crossing)[0])
+
+
+@pytest.mark.parametrize(("inside", "settled"), [(metrics.SETTLED_FOR_S + 0.001, True), (0.049, False)])
+def test_settling_needs_50_ms_in_the_band(inside: float, settled: bool) -> None:
+    error = np.where(1 - inside > TIME, 1.0, 0.0)[:, None]
+    found = metrics.settling_time_s(TIME, error)[0]
+    assert found == pytest.approx(1 - inside, abs=1.5e-3) if settled else np.isnan(found)
+
+
+def test_a_limit_cycle_is_not_hidden_by_its_mean() -> None:
+    swing = 0.002 * np.sin(2 * np.pi * 50 * TIME)[:, None]
+    assert abs(metrics.steady_state_bias_m(swing)[0]) < 1e-9
+    assert metrics.steady_state_error_m(swing)[0] == pytest.approx(0.002, rel=1e-9)
+
+
+def test_the_steady_state_error_is_of_the_last_fifth_and_of_either_sign() -> None:
+    error = np.r_[np.full(80, 3.0), np.full(19, 0.5), -0.7][:, None] * [1, -1]
+    np.testing.assert_allclose(metrics.steady_state_error_m(error), [0.7, 0.7])
+
+
 def test_overshoot_is_on_the_other_side() -> None:
     error = np.array([[1.0, -1.0, 1.0], [2.0, 0.3, 0.5], [-0.25, -3.0, 0.1]])
     np.testing.assert_allclose(metrics.overshoot(error), [0.25, 0.3, 0.0])
@@ -54,4 +77,5 @@ def test_all_of_a_response() -> None:
     assert found["peak_voltage_v"] == pytest.approx(300)
     assert found["saturation_fraction"] == pytest.approx(0.1)
     assert found["contact_fraction"] == pytest.approx(100 / 501)
+    assert found["steady_state_error_m"] == 0
     assert found["overshoot"] == 0

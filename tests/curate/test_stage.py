@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -36,9 +37,20 @@ def test_every_pair_of_samples_is_a_candidate_or_left_out_for_a_reason(workspace
     limit = PLANT.equilibrium(0.008).voltage_v + MDP.voltage_limit_v
     voltage = [24, limit + 1, 24, 24, 24]
     put_samples(workspace, samples_of([0.008, 0.008, 0.008, 0.008, np.nan], log_id="log-e", voltage_v=voltage))
-    manifest = Manifest.read(curate(workspace, SMALL, PLANT, MDP)[0])
+    settings = SMALL.model_copy(update={"validation_share": 0.2})
+    folder, _ = curate(workspace, settings, PLANT, MDP)
+    manifest = Manifest.read(folder)
     assert manifest.counts == {"pairs": 4 * 79 + 4, "candidates": 4 * 79 + 2, "transitions": 100}
-    assert manifest.left_out == {"not_finite": 1, "voltage_outside_limit": 1, "not_selected_by_balance": 218}
+    candidates = pd.read_parquet(folder / "candidates.parquet")
+    held_out = int((candidates["split"] == "validation").sum())
+    assert held_out > 0
+    assert manifest.left_out == {
+        "not_finite": 1,
+        "voltage_outside_limit": 1,
+        "held_out_for_validation": held_out,
+        "not_selected_by_balance": 4 * 79 + 2 - held_out - 100,
+    }
+    assert sum(manifest.left_out.values()) + manifest.counts["transitions"] == manifest.counts["pairs"]
 
 
 def test_the_artefact_holds_the_choice_and_all_candidates(workspace):
@@ -50,19 +62,26 @@ def test_the_artefact_holds_the_choice_and_all_candidates(workspace):
     assert not chosen.duplicated(key).any()
     joined = chosen.merge(all_of_them, how="left", suffixes=("", "_before"), on=key)
     np.testing.assert_array_equal(joined["cost"], joined["cost_before"])
-    np.testing.assert_array_equal(joined["cell"], joined["cell_before"])
+    assert len(all_of_them) == 4 * 79
+    assert "cell" in chosen
+    assert "cell" not in all_of_them
     assert chosen["weight"].mean() == pytest.approx(1)
 
 
-def test_the_coverage_report_counts_what_is_in_the_tables(workspace):
-    folder, _ = curate(workspace, SMALL, PLANT, MDP)
+def test_the_coverage_report_counts_the_training_rows_in_the_tables(workspace):
+    settings = SMALL.model_copy(update={"validation_share": 0.5})
+    folder, _ = curate(workspace, settings, PLANT, MDP)
     facts = Manifest.read(folder).facts
     chosen, all_of_them = (pd.read_parquet(folder / f"{n}.parquet") for n in ("transitions", "candidates"))
+    all_of_them = all_of_them[all_of_them["split"] == "train"]
+    assert facts["occupancy_before"]["rows"] == len(all_of_them) == 2 * 79
+    assert facts["occupancy_after"]["rows"] == len(chosen) == 100
     low = all_of_them["cost"].quantile(SMALL.low_cost_quantile)
     assert facts["low_cost_rows_before"] == (all_of_them["cost"] <= low).sum()
     assert facts["low_cost_rows_after"] == (chosen["cost"] <= low).sum()
     assert facts["low_cost_share_kept"] == facts["low_cost_rows_after"] / facts["low_cost_rows_before"]
-    assert facts["occupancy_before"]["occupied_cells"] == all_of_them["cell"].nunique()
+    assert facts["occupancy_after"]["occupied_cells"] == chosen["cell"].nunique()
+    assert facts["mean_cost_before"] == pytest.approx(all_of_them["cost"].mean())
     assert facts["occupancy_after"]["effective_cells"] > facts["occupancy_before"]["effective_cells"]
     weight = chosen["weight"]
     assert facts["effective_sample_size"] == pytest.approx(weight.sum() ** 2 / (weight**2).sum())
@@ -114,6 +133,35 @@ def test_whole_logs_are_held_out(workspace):
     assert sorted(split[0] for split in splits) == ["train", "train", "validation", "validation"]
 
 
+def test_no_row_of_a_log_that_is_held_out_is_curated_and_the_target_is_met_by_the_others(workspace):
+    for share in (0.0, 0.25, 0.5):
+        settings = SMALL.model_copy(update={"validation_share": share})
+        folder, _ = curate(workspace, settings, PLANT, MDP)
+        chosen, all_of_them = (pd.read_parquet(folder / f"{n}.parquet") for n in ("transitions", "candidates"))
+        held_out = set(all_of_them.loc[all_of_them["split"] == "validation", "log_id"])
+        assert len(held_out) == 4 * share
+        assert not held_out & set(chosen["log_id"])
+        assert (chosen["split"] == "train").all()
+        assert len(chosen) == SMALL.target_rows
+
+
+def test_logs_that_are_held_out_do_not_change_the_cells_of_the_others(tmp_path, put_samples, wandering, samples_of):
+    """The edges of the cells come from training rows: what is held out must not leak into the choice."""
+    settings = SMALL.model_copy(update={"validation_share": 0.5})
+    chosen = []
+    for name in ("plain", "wild"):
+        workspace = Workspace(tmp_path / name)
+        for log in ("log-a", "log-b"):
+            put_samples(workspace, wandering(log, 150))
+        first = pd.read_parquet(curate(workspace, settings, PLANT, MDP)[0] / "candidates.parquet")
+        held_out = first.loc[first["split"] == "validation", "log_id"].iloc[0]
+        if name == "wild":
+            shutil.rmtree(workspace.path("samples", held_out))
+            put_samples(workspace, samples_of(np.linspace(0.001, 0.0155, 40), log_id=held_out, current_a=30.0))
+        chosen.append(pd.read_parquet(curate(workspace, settings, PLANT, MDP)[0] / "transitions.parquet"))
+    pd.testing.assert_frame_equal(*chosen)
+
+
 def test_the_nearest_whole_number_of_logs_is_held_out_and_one_remains(workspace):
     for share, logs in ((0.2, 1), (0.3, 1), (0.4, 2), (0.99, 3)):
         settings = SMALL.model_copy(update={"validation_share": share})
@@ -134,6 +182,42 @@ def test_too_few_transitions_are_all_kept_and_warned_of(workspace):
     assert Manifest.read(folder).counts["transitions"] == 4 * 79
     assert "only 316 usable transitions for curate.target_rows = 1000" in listener.warnings[0]
     assert (pd.read_parquet(folder / "transitions.parquet")["weight"] == 1).all()
+
+
+def test_too_few_training_rows_are_told_of_with_what_is_not_usable(workspace, put_samples, samples_of):
+    put_samples(workspace, samples_of([0.008] * 4, log_id="log-e", voltage_v=1e4))
+    listener = Listener()
+    settings = CurateSettings(target_rows=1000, validation_share=0.25)
+    folder, _ = curate(workspace, settings, PLANT, MDP, progress=listener)
+    kept = Manifest.read(folder).counts["transitions"]
+    assert kept < 4 * 79
+    assert (
+        f"only {kept} usable transitions (voltage_outside_limit: 3 of 319 pairs are not usable)" in listener.warnings[0]
+    )
+
+
+def test_samples_that_do_not_fit_the_plant_are_doubted_in_a_warning_and_in_the_manifest(workspace):
+    for plant, doubted in ((PLANT, False), (Plant(mass_kg=70_000), True)):
+        listener = Listener()
+        folder, _ = curate(workspace, SMALL, plant, MDP, progress=listener)
+        doubts = Manifest.read(folder).facts["doubts"]
+        assert bool(doubts) == doubted
+        assert [text for text in listener.warnings if "[plant]" in text] == doubts
+
+
+def test_a_table_that_was_changed_by_hand_is_made_anew(workspace):
+    folder, _ = curate(workspace, SMALL, PLANT, MDP)
+    before = (folder / "transitions.parquet").read_bytes()
+    pd.read_parquet(folder / "transitions.parquet").head(50).to_parquet(folder / "transitions.parquet")
+    assert curate(workspace, SMALL, PLANT, MDP)[1]
+    assert (folder / "transitions.parquet").read_bytes() == before
+
+
+def test_samples_that_were_changed_by_hand_are_refused(workspace):
+    path = workspace.path("samples", "log-b", "samples.parquet")
+    pd.read_parquet(path).head(50).to_parquet(path)
+    with pytest.raises(ArtefactError, match=r"log-b: samples.parquet is not what was written.*run its stage again"):
+        curate(workspace, SMALL, PLANT, MDP)
 
 
 def test_an_empty_workspace_says_what_to_run(tmp_path):

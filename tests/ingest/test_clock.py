@@ -54,5 +54,10 @@ def test_messages_of_one_time_stay_in_file_order():
 
 
 def test_steps():
-    assert steps_of(np.array([0, 10, 20, 60])) == (10.0, pytest.approx(np.std([10, 10, 40])), 40.0)
+    assert steps_of(np.array([0, 10, 22, 30])) == (10.0, pytest.approx(np.std([10, 12, 8])), 12.0)
     assert steps_of(np.array([3])) == (None, None, None)
+
+
+def test_a_hole_is_no_jitter_but_the_greatest_step():
+    assert steps_of(np.array([0, 10, 20, 60])) == (10.0, 0.0, 40.0)
+    assert steps_of(np.array([0, 10, 20, 31, 31 + 10**9])) == (10.5, pytest.approx(np.std([10, 10, 11])), 1e9)

@@ -1,3 +1,5 @@
+import re
+
 import pytest
 
 from maglev_offline.errors import InputError
@@ -62,11 +64,22 @@ def test_brackets_in_a_name_are_no_pattern_where_the_file_is_there(folder):
     assert [path.name for path in find_logs(["*.mcap"], relative_to=folder / "run[1]")] == ["log[2].mcap"]
 
 
-@pytest.mark.parametrize("asked", ["none.mcap", "none/*.mcap", "logs/deep/none", "empty"])
-def test_what_is_not_there_is_named(folder, asked):
+@pytest.mark.parametrize("asked", ["none/*.mcap", "none?", "empty", "empt[y]"])
+def test_a_folder_or_pattern_without_logs_is_named(folder, asked):
     (folder / "empty").mkdir()
-    with pytest.raises(InputError, match=rf"^{asked.replace('*', '.')}: no MCAP file is there\. Give paths"):
+    with pytest.raises(InputError, match=rf"^{re.escape(asked)}: no MCAP file is there\. Give paths"):
         find_logs(["d.mcap", asked])
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("asked", ["none.mcap", "logs/deep/none", "none/none.mcap"])
+def test_a_path_that_is_not_there_is_passed_on_with_the_others_for_ingest_to_refuse(asked):
+    assert sorted(names(["d.mcap", asked])) == sorted(["d.mcap", asked])
+    assert names([asked, asked]) == [asked]
+
+
+def test_a_relative_path_that_is_not_there_starts_from_the_given_folder(folder):
+    assert find_logs(["none.mcap"], relative_to=folder / "logs") == [folder / "logs/none.mcap"]
 
 
 def test_nothing_asked_for_is_told_of():

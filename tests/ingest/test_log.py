@@ -321,7 +321,7 @@ class TestTopics:
 class TestRefusal:
     def test_no_message_at_all(self, tmp_path, mcap_files, plant, grid_10):
         path = mcap_files.write(tmp_path / "a.mcap", [])
-        with pytest.raises(LogError, match="no channels"):
+        with pytest.raises(LogError, match="the log holds no messages"):
             ingest_log(path, "a", signals=None, settings=grid_10, plant=plant)
 
     @pytest.mark.parametrize("t_ms", [[0], [0, 10, 1000][:1], [1, 2, 3], [5, 12]])

@@ -39,7 +39,7 @@ def test_a_signal_may_have_a_topic_of_its_own():
     ("change", "complaint"),
     [
         ({"gap": {"field": "gap", "unit": "V"}}, "cannot be turned into 'm'"),
-        ({"gap": {"field": "gap", "unit": "parsnip"}}, "is not known"),
+        ({"gap": {"field": "gap", "unit": "parsnip"}}, "'parsnip' is no unit that is known"),
         ({"gap": {"field": "", "unit": "m"}}, "at least 1 character"),
         ({"topic": "/a(b"}, "no regular expression"),
         ({"topic": "/(?P<car>.+)/x"}, "one named group only"),

@@ -24,7 +24,7 @@ def test_an_unknown_unit(unit):
     if unit == "":
         assert dimension_of(unit) == "dimensionless"
     else:
-        with pytest.raises(ValueError, match="is not known"):
+        with pytest.raises(ValueError, match=f"^'{unit}' is no unit that is known$"):
             dimension_of(unit)
 
 

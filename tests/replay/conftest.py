@@ -11,7 +11,7 @@ from maglev_offline.workspace import Manifest, Workspace
 
 @pytest.fixture(scope="session")
 def transitions():
-    """A hundred curated transitions; some end in contact, some at the end of a segment, ten are held out."""
+    """A hundred curated transitions; some end in contact, some at the end of a segment."""
     rng = np.random.default_rng(5)
     n = 100
     table = pd.DataFrame(
@@ -23,7 +23,7 @@ def transitions():
         table[f"next_{name}"] = table[name] + rng.normal(0, 1e-3, n)
     table["terminated"] = np.arange(n) % 25 == 24
     table["truncated"] = np.arange(n) % 10 == 9
-    table["split"] = np.where(np.arange(n) % 10 == 3, "validation", "train")
+    table["split"] = "train"
     return table
 
 

@@ -52,10 +52,9 @@ def test_a_value_that_is_not_finite_is_refused(transitions, column):
 def test_the_artefact_comes_back_as_it_was_made(transitions, put_transitions):
     folder, fresh = make_prefill(put_transitions(transitions), "ddpg", ALL, PLANT, MDP)
     found = load_prefill(folder)
-    training = transitions[transitions["split"] == "train"]
     assert fresh
-    np.testing.assert_array_equal(found["transition_row"], training.index)
-    expected = scaled(training, MDP)
+    np.testing.assert_array_equal(found["transition_row"], np.arange(100))
+    expected = scaled(transitions, MDP)
     assert set(found) == {*expected, "transition_row"}
     for name, column in expected.items():
         assert found[name].dtype == column.dtype
@@ -67,7 +66,7 @@ def test_packed_rows_fill_the_first_slots_of_a_buffer_in_order(transitions, put_
     columns = load_prefill(folder)
     buffer = ReplayBuffer(2, 200)
     buffer.prefill(packed(columns))
-    batch = buffer.sample(np.tile((np.arange(90) + 0.5) / 90, (2, 1)))
+    batch = buffer.sample(np.tile((np.arange(100) + 0.5) / 100, (2, 1)))
     for seed in range(2):
         for name in ("observation", "next_observation"):
             np.testing.assert_array_equal(getattr(batch, name)[seed].numpy(), columns[name])
@@ -79,7 +78,7 @@ def test_every_transition_is_a_row_or_left_out_for_a_reason(transitions, put_tra
     folder, _ = make_prefill(put_transitions(transitions), "ddpg", PrefillSettings(rows=30), PLANT, MDP)
     manifest = Manifest.read(folder)
     assert manifest.counts == {"transitions": 100, "rows": 30}
-    assert manifest.left_out == {"held_out_for_validation": 10, "over_prefill_rows": 60}
+    assert manifest.left_out == {"over_prefill_rows": 70}
     assert manifest.facts["mean_cost"] == pytest.approx(load_prefill(folder)["cost"].mean())
 
 
@@ -90,7 +89,7 @@ def test_a_subset_of_rows_is_drawn_by_its_seed(transitions, put_transitions):
 
     first, again, other = (rows(seed)["transition_row"] for seed in (0, 0, 1))
     assert (np.diff(first) > 0).all()
-    assert (transitions.loc[first, "split"] == "train").all()
+    assert len(first) == 30
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 
@@ -125,18 +124,31 @@ def test_an_empty_workspace_says_what_to_run(tmp_path):
         make_prefill(Workspace(tmp_path), "ddpg", ALL, PLANT, MDP)
 
 
-def test_transitions_that_are_all_held_out_are_refused(transitions, put_transitions):
-    with pytest.raises(ArtefactError, match="none of the curated transitions is for training"):
-        make_prefill(put_transitions(transitions.assign(split="validation")), "ddpg", ALL, PLANT, MDP)
-
-
-@pytest.mark.parametrize("damage", ["cut", "gone"])
-def test_damaged_transitions_are_told_of(transitions, put_transitions, damage):
+@pytest.mark.parametrize("damage", ["cut", "gone", "another"])
+@pytest.mark.parametrize("before", [False, True], ids=["never made", "made before"])
+def test_transitions_that_are_not_what_was_curated_are_refused(transitions, put_transitions, damage, before):
     workspace = put_transitions(transitions)
-    path = workspace.path("transitions", "transitions.parquet")
-    path.write_bytes(path.read_bytes()[:100]) if damage == "cut" else path.unlink()
-    with pytest.raises(ArtefactError, match=r"cannot be read.*curate` again"):
+    if before:
         make_prefill(workspace, "ddpg", ALL, PLANT, MDP)
+    path = workspace.path("transitions", "transitions.parquet")
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:100])
+    elif damage == "gone":
+        path.unlink()
+    else:
+        transitions.assign(cost=0.0).to_parquet(path)
+    with pytest.raises(ArtefactError, match=r"transitions.parquet is not what was written.*run its stage again"):
+        make_prefill(workspace, "ddpg", ALL, PLANT, MDP)
+
+
+def test_a_prefill_that_was_changed_is_made_anew(transitions, put_transitions):
+    workspace = put_transitions(transitions)
+    folder, _ = make_prefill(workspace, "ddpg", ALL, PLANT, MDP)
+    path = folder / "prefill.safetensors"
+    before = path.read_bytes()
+    path.write_bytes(before[:-4] + b"\x00\x01\x02\x03")
+    assert make_prefill(workspace, "ddpg", ALL, PLANT, MDP)[1]
+    assert path.read_bytes() == before
 
 
 def test_a_missing_or_damaged_prefill_is_told_of(transitions, put_transitions, tmp_path):

@@ -29,7 +29,13 @@ RECIPE = Recipe(
     ),
     evaluation=EvaluationSettings(every_steps=50, start_gaps_m=(0.006, 0.015), selection_gaps_m=(0.010,)),
     transfer=TransferSettings(resamples=200),
-    control=ControlSettings(duration_s=1.2, stored_fully_s=0.6, start_gaps_m=(0.006,)),
+    control=ControlSettings(
+        duration_s=1.2,
+        stored_fully_s=0.6,
+        start_gaps_m=(0.006,),
+        robustness_cells=3,
+        robustness_duration_s=0.2,
+    ),
 )
 
 

@@ -23,7 +23,7 @@ def lines(ax, part):
 
 def test_curves_hold_every_seed(evidence, recipe):
     curves = evidence.curves()
-    figure = figures_learning.curves_figure(curves, {"pid": 90.0, "lqr": 12.0}, 18.0, 100)
+    figure = figures_learning.curves_figure(curves, {"pid": 90.0, "lqr": 13.0, "lqr_held": 12.0}, 18.0, 100)
     assert [ax.get_title(loc="left") for ax in figure.axes] == ["DDPG", "TD3"]
     for ax, algorithm in zip(figure.axes, ("ddpg", "td3"), strict=True):
         for arm in ("empty", "prefill"):
@@ -34,6 +34,7 @@ def test_curves_hold_every_seed(evidence, recipe):
         assert ax.get_yscale() == "log"
         levels = {line.get_ydata()[0] for line in ax.get_lines() if len(set(line.get_ydata())) == 1}
         assert {90.0, 12.0, 18.0} <= levels
+        assert 13.0 not in levels  # the agents' reference is the LQR that acts as often as they do
 
 
 def test_regulation_holds_every_seed_and_controller(evidence, recipe):

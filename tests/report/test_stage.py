@@ -7,13 +7,22 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.curate.stage import curate
+from maglev_offline.errors import ArtefactError
+from maglev_offline.physics.parameters import Plant
+from maglev_offline.report.evidence import gather
 from maglev_offline.report.numbers import interval, number, whole
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.stage import build_report
-from maglev_offline.workspace import Manifest, Workspace
+from maglev_offline.workspace import Manifest, Workspace, sha256_of
 
-FIGURES = ("trajectory-1", "trajectory-2", "coverage", "prefill", "regulation", "long", "curves", "forest")
-SECTIONS = ("origin", "trajectories", "coverage", "prefill", "regulation", "curves", "verdict", "recipe")
+FIGURES = (
+    *("trajectory-1", "trajectory-2", "coverage", "prefill"),
+    *("force", "root-locus", "steps", "robustness"),
+    *("regulation", "long", "curves", "forest"),
+)
+SECTIONS = ("origin", "trajectories", "coverage", "prefill", "plant", "regulation", "curves", "verdict", "recipe")
 
 
 def build(workspace, recipe, **changes):
@@ -142,12 +151,66 @@ def test_missing_artefact_becomes_a_sentence_with_its_command(workspace, recipe,
     assert f"<code>{command}" in part
 
 
-def test_empty_workspace_has_a_page(tmp_path, recipe, read_page):
-    path, _ = build(Workspace(tmp_path), recipe)
-    page = read_page(path)
-    assert page.errors == []
-    assert "figure-" not in path.read_text().split("<main")[1]
-    assert "holds no artefact yet" in page.text
+def test_empty_workspace_is_refused_and_left_empty(tmp_path, recipe):
+    with pytest.raises(ArtefactError, match=r"nothing in the workspace to report on.*Run `maglev-offline ingest"):
+        build(Workspace(tmp_path), recipe)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_tampered_artefact_is_refused(workspace, recipe):
+    path = workspace.path("transitions", "transitions.parquet")
+    pd.read_parquet(path).head(20).to_parquet(path)
+    with pytest.raises(ArtefactError, match=r"transitions.parquet is not what was written"):
+        build(workspace, recipe)
+
+
+def test_no_warning_without_a_reason(made, page):
+    assert [a for _, a in page.tags if "warning" in (a.get("class") or "")] == []
+    assert Manifest.read(made / "transitions").facts["doubts"] == []
+
+
+def edit(folder, **tables):
+    """Change the manifest of an artefact, as if it had been made so."""
+    data = json.loads((folder / "manifest.json").read_text())
+    for name, change in tables.items():
+        data[name] = {**data[name], **change}
+    (folder / "manifest.json").write_text(json.dumps(data))
+
+
+def test_doubts_are_told_in_the_head(workspace, recipe, read_page):
+    edit(workspace.path("transitions"), facts={"doubts": ["the logged <gap> (median 0.8 m) does not fit"]})
+    text = read_page(build(workspace, recipe)[0]).text
+    assert "To be doubted: the logged <gap> (median 0.8 m) does not fit" in text
+    assert text.index("To be doubted") < text.index("The logs, how many of their messages")
+
+
+def test_artefacts_of_another_recipe_are_named_with_their_tables(workspace, recipe, read_page):
+    other = recipe.model_copy(update={"plant": Plant(mass_kg=650), "curate": CurateSettings(target_rows=301)})
+    text = read_page(build(workspace, other)[0]).text
+    told = text.split("Made with other tables than those of the recipe that this page shows:")[1].split("\n")[0]
+    assert "transitions ([curate], [plant])" in told or "transitions ([plant], [curate])" in told
+    assert "control ([plant])" in told
+    assert "transfer ([plant])" in told
+
+
+def test_blocks_that_a_study_of_fewer_seeds_left_are_not_of_another_recipe(workspace, recipe):
+    for folder in workspace.list("training/ddpg-empty"):
+        training = Manifest.read(folder).settings["training"]
+        edit(folder, settings={"training": training | {"seeds": 2}})
+    assert not [name for name in gather(workspace).foreign(recipe.plain()) if name.startswith("training/")]
+
+
+def test_logs_that_are_not_in_the_transitions_are_named_and_marked_in_their_table(workspace, recipe, read_page):
+    one, other = workspace.list("samples")
+    curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=[one])
+    page = read_page(build(workspace, recipe)[0])
+    assert f"not in the transitions that this page is about: samples/{other.name}." in page.text
+    head = next(row for row in page.rows if row[-1] == "curated")
+    rows = page.rows[page.rows.index(head) + 1 :][:2]
+    assert {row[0]: row[-1] for row in rows} == {
+        Manifest.read(one).facts["file"]: "yes",
+        Manifest.read(other).facts["file"]: "no",
+    }
 
 
 def test_recipe_without_agents_asks_for_none(workspace, recipe, read_page):
@@ -168,9 +231,7 @@ def test_hostile_names_are_escaped(workspace, recipe, read_page):
     samples = pd.read_parquet(folder / "samples.parquet")
     samples["point"] = evil
     samples.to_parquet(folder / "samples.parquet")
-    data = json.loads((folder / "manifest.json").read_text())
-    data["facts"]["file"] = evil
-    (folder / "manifest.json").write_text(json.dumps(data))
+    edit(folder, facts={"file": evil}, files={"samples.parquet": sha256_of(folder / "samples.parquet")})
     path, _ = build(workspace, recipe, title=evil)
     page = read_page(path)
     assert page.errors == []

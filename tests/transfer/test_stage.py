@@ -49,13 +49,22 @@ def test_the_metrics_are_those_of_the_curves(finished):
         assert run["asymptote"] == pytest.approx(cost[[250, 300]].mean())
         assert run["area"] == pytest.approx(area(cost.index.to_numpy(), cost.to_numpy()[None])[0])
         assert run["drift"] == pytest.approx(cost[300] - cost[250])
-        assert run["final_worst_bias_m"] == of_run["worst_bias_m"].iloc[-1]
+        assert run["final_worst_error_m"] == of_run["worst_error_m"].iloc[-1]
 
 
 def test_the_threshold_belongs_to_the_lqr_and_not_to_an_arm(finished, tiny_world, judged):
     facts = Manifest.read(finished.path("transfer")).facts
     costs = classical_reference_cost(tiny_world.plant, tiny_world.mdp, tiny_world.evaluation.start_gaps_m)
-    assert facts["threshold_cost"] == pytest.approx(judged.threshold_over_lqr * costs["lqr"].mean())
+    assert facts["threshold_cost"] == pytest.approx(judged.threshold_over_lqr * costs["lqr_held"].mean())
+
+
+def test_margins_are_shares_of_the_held_lqrs_cost_and_of_a_run_and_not_of_an_arm(finished, tiny_world, judged):
+    facts = Manifest.read(finished.path("transfer")).facts
+    lqr = classical_reference_cost(tiny_world.plant, tiny_world.mdp, tiny_world.evaluation.start_gaps_m)["lqr_held"]
+    assert facts["primary_metric"] == "area"
+    for metric, effect in facts["algorithms"]["ddpg"]["effects"]["prefill"].items():
+        whole = tiny_world.training.steps if metric == "time_to_threshold" else lqr.mean()
+        assert effect["margin"] == pytest.approx(judged.equivalence_share * whole)
 
 
 def test_a_finished_study_is_left_alone(finished, study_in):
@@ -123,17 +132,34 @@ def test_arms_are_compared_seed_by_seed_whatever_the_order_of_the_rows():
     ]
     filler = {
         "reached": True,
-        "final_worst_bias_m": 1e-4,
+        "final_worst_error_m": 1e-4,
         "final_settling_time_s": 0.1,
         "drift": 0.0,
         "diverged": False,
     }
     table = pd.DataFrame([row | filler for row in rows]).sample(frac=1, random_state=3)
     settings = TransferSettings(resamples=300, equivalence_share=0.01)
-    effect = compare(table, settings)["effects"]["prefill"]["area"]
-    assert effect["difference"] == pytest.approx(-1, abs=0.02)
-    assert effect["margin"] == pytest.approx(0.01 * base.mean())
-    assert effect["verdict"] == "negative"
+    margins = dict.fromkeys(METRICS, 0.2) | {"asymptote": 5.0}
+    effects = compare(table, settings, margins)["effects"]["prefill"]
+    assert effects["area"]["difference"] == pytest.approx(-1, abs=0.02)
+    assert {metric: effect["margin"] for metric, effect in effects.items()} == margins
+    assert effects["area"]["verdict"] == "negative"
+    assert effects["asymptote"]["verdict"] == "equivalent"
+
+
+def test_a_policy_counts_as_within_half_a_millimetre_by_its_worst_error():
+    filler = dict.fromkeys(METRICS, 1.0) | {"reached": True, "final_settling_time_s": 0.1, "drift": 0.0}
+    errors = [4e-4, 5e-4, 6e-4, 2e-3]
+    table = pd.DataFrame(
+        [
+            filler | {"arm": arm, "seed": seed, "final_worst_error_m": error, "diverged": False}
+            for arm in ("empty", "prefill")
+            for seed, error in enumerate(errors)
+        ]
+    )
+    facts = compare(table, TransferSettings(resamples=200), dict.fromkeys(METRICS, 0.1))["arms"]["empty"]
+    assert facts["share_within_half_mm"] == 0.5
+    assert facts["median_final_worst_error_m"] == pytest.approx(5.5e-4)
 
 
 @pytest.mark.parametrize("arms", [("empty",), ("prefill",), ("empty", "empty")])
