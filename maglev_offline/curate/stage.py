@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -60,51 +61,18 @@ def curate(
         return home, False
 
     samples = load_samples(folders)
-    table = transitions_of(samples, plant, mdp)
-    if table.empty:
-        raise ArtefactError(
-            "no two samples follow each other in a segment, so there is no transition.",
-            where=str(workspace.path("samples")),
-            todo="Look at [ingest] longest_bridge_ms against the period of the messages.",
-        )
-    reason = unusable(table, mdp)
-    candidates = table[reason == ""].reset_index(drop=True)
-    if candidates.empty:
-        raise ArtefactError(
-            f"no usable transition in {len(table)} pairs of samples ({_listing(reason)}).",
-            where=str(workspace.path("samples")),
-            todo="Check the units in [signals], and mdp.voltage_limit_v against the logged voltage.",
-        )
-    candidates["split"] = _split(candidates["log_id"], settings)
-    if settings.validation_share > 0 and (candidates["split"] == "train").all():
-        progress.warn(
-            f"curate.validation_share = {settings.validation_share:g} of {candidates['log_id'].nunique()} logs is less "
-            "than one log: nothing is held out."
-        )
-    training = candidates[candidates["split"] == "train"].reset_index(drop=True)
-    training["cell"] = _cells(training, settings)
-    chosen = balanced_choice(
-        training["cell"].to_numpy(), settings.target_rows, stream(settings.seed, "curate: balance")
-    )
-    curated = training.iloc[chosen].reset_index(drop=True)
-    curated["weight"] = importance_weights(training["cell"].to_numpy(), chosen)
-    if len(training) <= settings.target_rows:
-        lost = f" ({_listing(reason)} of {len(table)} pairs are not usable)" if (reason != "").any() else ""
-        progress.warn(
-            f"only {len(training)} usable transitions{lost} for curate.target_rows = {settings.target_rows}: "
-            "all are kept, nothing is balanced."
-        )
+    found = _usable(samples, workspace, plant, mdp)
+    candidates, reason = found.candidates, found.reason
+    training, curated = _balanced(candidates, settings)
+    _tell(progress, found, training, settings)
     doubts = implausible(samples, plant)
     for doubt in doubts:
         progress.warn(doubt)
 
     manifest = Manifest("transitions", mark, inputs)
-    manifest.settings = {
-        "curate": settings.model_dump(mode="json"),
-        "plant": plant.model_dump(mode="json"),
-        "mdp": mdp.model_dump(mode="json"),
-    }
-    manifest.counts = {"pairs": len(table), "candidates": len(candidates), "transitions": len(curated)}
+    tables = {"curate": settings, "plant": plant, "mdp": mdp}
+    manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
+    manifest.counts = {"pairs": len(reason), "candidates": len(candidates), "transitions": len(curated)}
     manifest.left_out = {
         **{str(code): int(n) for code, n in reason[reason != ""].value_counts().sort_index().items()},
         "held_out_for_validation": len(candidates) - len(training),
@@ -115,6 +83,61 @@ def curate(
         for name, part in (("transitions", curated), ("candidates", candidates)):
             write_parquet(part, draft / f"{name}.parquet")
     return home, True
+
+
+class _Usable(NamedTuple):
+    """The usable transitions, and for every pair of samples why it is none (empty: it is one)."""
+
+    candidates: pd.DataFrame
+    reason: pd.Series
+
+
+def _usable(samples: pd.DataFrame, workspace: Workspace, plant: Plant, mdp: Mdp) -> _Usable:
+    where = str(workspace.path("samples"))
+    table = transitions_of(samples, plant, mdp)
+    if table.empty:
+        raise ArtefactError(
+            "no two samples follow each other in a segment, so there is no transition.",
+            where=where,
+            todo="Look at [ingest] longest_bridge_ms against the period of the messages.",
+        )
+    reason = unusable(table, mdp)
+    candidates = table[reason == ""].reset_index(drop=True)
+    if candidates.empty:
+        raise ArtefactError(
+            f"no usable transition in {len(table)} pairs of samples ({_listing(reason)}).",
+            where=where,
+            todo="Check the units in [signals], and mdp.voltage_limit_v against the logged voltage.",
+        )
+    return _Usable(candidates, reason)
+
+
+def _balanced(candidates: pd.DataFrame, settings: CurateSettings) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Mark the split in `candidates`; return the rows for training with their cells, and the choice of them."""
+    candidates["split"] = _split(candidates["log_id"], settings)
+    training = candidates[candidates["split"] == "train"].reset_index(drop=True)
+    training["cell"] = _cells(training, settings)
+    cell = training["cell"].to_numpy()
+    chosen = balanced_choice(cell, settings.target_rows, stream(settings.seed, "curate: balance"))
+    curated = training.iloc[chosen].reset_index(drop=True)
+    curated["weight"] = importance_weights(cell, chosen)
+    return training, curated
+
+
+def _tell(progress: Progress, found: _Usable, training: pd.DataFrame, settings: CurateSettings) -> None:
+    """Warn where nothing is held out although it was asked for, and where there is nothing to balance."""
+    if settings.validation_share > 0 and len(training) == len(found.candidates):
+        progress.warn(
+            f"curate.validation_share = {settings.validation_share:g} of {training['log_id'].nunique()} logs is less "
+            "than one log: nothing is held out."
+        )
+    if len(training) <= settings.target_rows:
+        unused = (found.reason != "").any()
+        lost = f" ({_listing(found.reason)} of {len(found.reason)} pairs are not usable)" if unused else ""
+        progress.warn(
+            f"only {len(training)} usable transitions{lost} for curate.target_rows = {settings.target_rows}: "
+            "all are kept, nothing is balanced."
+        )
 
 
 def _listing(reason: pd.Series) -> str:
