@@ -140,12 +140,27 @@ def control(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
         "control",
         folder,
         fresh,
-        f"open-loop poles {poles} rad/s; u_eq {manifest.facts['equilibrium']['voltage_v']:.2f} V",
+        f"open-loop poles {poles} rad/s; u_eq {manifest.facts['equilibrium']['voltage_v']:.2f} V; "
+        f"{_pid_words(manifest.facts, recipe)}",
         {"facts": manifest.facts},
         f"Regulation from {start * 1e3:g} mm to {recipe.plant.set_point_m * 1e3:g} mm",
         ("controller", "settles (s)", "overshoot", "bias (mm)", "peak (V)", "cost"),
         rows,
     )
+
+
+def _pid_words(facts: dict[str, Any], recipe: Recipe) -> str:
+    """The linear model, and how far the PID is from the edge of stability."""
+    a, b = facts["a"], facts["b"]
+    model = f"A = [{', '.join(str([round(x, 4) for x in row]) for row in a)}], B = {[round(row[0], 4) for row in b]}"
+    ranges = [f"{found['lowest']:.0f} to {found['highest']:.0f} ({found['sampling']})" for found in facts["kp_ranges"]]
+    margins = facts["margins"]["pid"]
+    edge = (
+        f"phase margin {margins['phase_margin_deg']:.2f} degrees, delay margin {margins['delay_margin_s'] * 1e3:.2f} ms"
+        if margins["stable"] and margins["delay_margin_s"] is not None
+        else "no margins: it is unstable as given"
+    )
+    return f"{model}; PID with Kp = {recipe.control.pid.kp:g}: stable for Kp {', '.join(ranges) or 'none'}, {edge}"
 
 
 def _seconds(value: float) -> str:
