@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 import pandas as pd
 
 from maglev_offline.agents.settings import Algorithm
-from maglev_offline.agents.stage import Arm, load_curves, train_arms
+from maglev_offline.agents.stage import load_curves, train_arms
 from maglev_offline.control.stage import run_control
 from maglev_offline.curate.stage import curate as run_curate
 from maglev_offline.errors import ArtefactError, InputError
@@ -17,6 +17,7 @@ from maglev_offline.outcomes import Done, Ingested, Run
 from maglev_offline.progress import Progress
 from maglev_offline.recipe import Recipe
 from maglev_offline.replay.prefill import make_prefill
+from maglev_offline.transfer.settings import ArmName
 from maglev_offline.workspace import Manifest, Workspace
 
 
@@ -191,14 +192,11 @@ def train(recipe: Recipe, workspace: Workspace, asked: str | None, arm: str, job
     ------
     InputError: an arm that is not known.
     """
-    if arm not in ("empty", "prefill"):
+    from maglev_offline.transfer.stage import arms_of
+
+    if arm not in get_args(ArmName):
         raise InputError(f"there is no arm {arm!r}.", where="--arm", todo="Give empty or prefill.")
-    arms = []
-    for algorithm in algorithms(recipe, asked):
-        folder = None
-        if arm == "prefill":
-            folder, _ = make_prefill(workspace, algorithm, recipe.prefill, recipe.plant, recipe.mdp)
-        arms.append(Arm(algorithm, arm, folder))
+    arms = arms_of(workspace, recipe.world, algorithms(recipe, asked), (cast(ArmName, arm),), recipe.prefill)
     folders, trained = train_arms(workspace, arms, recipe.world, jobs=jobs, progress=progress)
     curves = load_curves([folder for group in folders.values() for folder in group])
     last = curves[curves["env_step"] == recipe.training.steps]

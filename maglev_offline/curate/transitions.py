@@ -8,7 +8,7 @@ from maglev_offline.mdp import Mdp
 from maglev_offline.physics.dynamics import State
 from maglev_offline.physics.parameters import Plant
 
-STATE = ("gap_error_m", "gap_velocity_m_s", "current_error_a")
+STATE = process.STATE_NAMES
 """The three columns of the state s, relative to the equilibrium at the row's own set-point."""
 
 NEXT_STATE = tuple(f"next_{name}" for name in STATE)

@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from maglev_offline.identify.equations import Values
 from maglev_offline.identify.fit import Fit
 from maglev_offline.identify.settings import IdentifySettings, Name
 from maglev_offline.identify.uncertainty import Uncertainty
@@ -113,10 +112,3 @@ def table_rows(parameters: tuple[Parameter, ...]) -> list[list[str]]:
 def plain(parameter: Parameter) -> dict[str, Any]:
     """For scripts."""
     return {**vars(parameter), "declared_outside_interval": parameter.differs}
-
-
-def values_of(parameters: tuple[Parameter, ...]) -> Values:
-    """Values that are to be believed: the estimates where identified, else the declared ones."""
-    return {
-        p.name: p.estimate if p.verdict == IDENTIFIED and p.estimate is not None else p.declared for p in parameters
-    }

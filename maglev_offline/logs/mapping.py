@@ -13,9 +13,6 @@ from maglev_offline.logs.detection import describe, detect, suggest
 from maglev_offline.logs.signals import COLUMN_OF_SIGNAL, UNIT_OF_SIGNAL, Signal, SignalMap
 from maglev_offline.logs.units import to_si_factor
 
-NEEDED = ("gap", "current", "voltage")
-"""Without these a point has neither a state nor an action."""
-
 
 @dataclass(frozen=True)
 class TopicPlan:

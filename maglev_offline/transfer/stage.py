@@ -1,6 +1,6 @@
 """The stage: train the arms, compare them seed by seed, and say whether prefill helps or harms."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from maglev_offline.agents.settings import Algorithm
 from maglev_offline.agents.stage import Arm, World, load_curves, train_arms
 from maglev_offline.control.reference import classical_reference_cost
 from maglev_offline.control.settings import ControlSettings
@@ -18,7 +19,7 @@ from maglev_offline.replay.settings import PrefillSettings
 from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
 from maglev_offline.transfer import metrics
-from maglev_offline.transfer.settings import TransferSettings
+from maglev_offline.transfer.settings import ArmName, TransferSettings
 from maglev_offline.transfer.verdict import paired_effect
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
 
@@ -30,11 +31,17 @@ INTERVAL = "BCa, expanded"
 METRICS = ("jumpstart", "asymptote", "area", "time_to_threshold")
 
 
-def arms_of(workspace: Workspace, world: World, settings: TransferSettings, prefill: PrefillSettings) -> list[Arm]:
-    """The arms of the study, with the prefill artefact of each made where it is missing."""
+def arms_of(
+    workspace: Workspace,
+    world: World,
+    algorithms: Iterable[Algorithm],
+    names: Iterable[ArmName],
+    prefill: PrefillSettings,
+) -> list[Arm]:
+    """The arms of these names for these algorithms, with the prefill artefact of each made where it is missing."""
     arms = []
-    for algorithm in dict.fromkeys(world.training.algorithms):
-        for name in dict.fromkeys(settings.arms):
+    for algorithm in dict.fromkeys(algorithms):
+        for name in dict.fromkeys(names):
             folder = None
             if name == "prefill":
                 folder, _ = make_prefill(workspace, algorithm, prefill, world.plant, world.mdp)
@@ -67,7 +74,7 @@ def run_transfer(
     if not world.training.algorithms:
         raise InputError("the recipe trains no algorithm.", where="[training] algorithms", todo="Name ddpg or td3.")
     _check_windows(world, settings)
-    arms = arms_of(workspace, world, settings, prefill)
+    arms = arms_of(workspace, world, world.training.algorithms, settings.arms, prefill)
     folders, _ = train_arms(workspace, arms, world, jobs=jobs, progress=progress)
     inputs = {f"training/{arm.title}/{folder.name}": input_hash(folder) for arm in arms for folder in folders[arm]}
     home = workspace.path("transfer")
@@ -76,26 +83,7 @@ def run_transfer(
         return home, False
 
     curves = pd.concat([load_curves(folders[arm]) for arm in arms], ignore_index=True)
-    reference = {
-        name: float(np.mean(cost))
-        for name, cost in classical_reference_cost(
-            world.plant, world.mdp, world.evaluation.start_gaps_m, settings=control
-        ).items()
-    }
-    threshold = settings.threshold_over_lqr * reference["lqr_held"]
-    table = seed_metrics(curves, world, settings, threshold)
-    margins = dict.fromkeys(METRICS, settings.equivalence_share * reference["lqr_held"])
-    margins["time_to_threshold"] = settings.equivalence_share * world.training.steps
-    verdict = {
-        "direction": "costs: a positive difference (empty minus prefill) means that prefill helps",
-        "reference_cost": reference,
-        "threshold_cost": threshold,
-        "primary_metric": settings.primary_metric,
-        "algorithms": {
-            algorithm: compare(table[table["algorithm"] == algorithm], settings, margins)
-            for algorithm in world.training.algorithms
-        },
-    }
+    table, verdict = _judged(curves, world, settings, control)
     manifest = Manifest("transfer", mark, inputs)
     manifest.settings = {
         "transfer": settings.model_dump(mode="json"),
@@ -107,6 +95,32 @@ def run_transfer(
         for name, part in (("curves", curves), ("metrics", table)):
             write_parquet(part, draft / f"{name}.parquet")
     return home, True
+
+
+def _judged(
+    curves: pd.DataFrame, world: World, settings: TransferSettings, control: ControlSettings
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """The metrics of every run, and the verdict on every algorithm."""
+    reference = {
+        name: float(np.mean(cost))
+        for name, cost in classical_reference_cost(
+            world.plant, world.mdp, world.evaluation.start_gaps_m, settings=control
+        ).items()
+    }
+    threshold = settings.threshold_over_lqr * reference["lqr_held"]
+    table = seed_metrics(curves, world, settings, threshold)
+    margins = dict.fromkeys(METRICS, settings.equivalence_share * reference["lqr_held"])
+    margins["time_to_threshold"] = settings.equivalence_share * world.training.steps
+    return table, {
+        "direction": "costs: a positive difference (empty minus prefill) means that prefill helps",
+        "reference_cost": reference,
+        "threshold_cost": threshold,
+        "primary_metric": settings.primary_metric,
+        "algorithms": {
+            algorithm: compare(table[table["algorithm"] == algorithm], settings, margins)
+            for algorithm in world.training.algorithms
+        },
+    }
 
 
 def _check_windows(world: World, settings: TransferSettings) -> None:
