@@ -49,7 +49,7 @@ class Ingested:
     def rows(self) -> list[list[str]]:
         """One row of `LOG_COLUMNS` for each log."""
         return [
-            [log.path.name, log.status, *(f"{log.counts[key]:,}" if key in log.counts else "-" for key in _LOG_COUNTS)]
+            [log.name, log.status, *(f"{log.counts[key]:,}" if key in log.counts else "-" for key in _LOG_COUNTS)]
             for log in self.logs
         ]
 

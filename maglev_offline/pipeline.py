@@ -12,7 +12,8 @@ from maglev_offline.agents.stage import load_curves, train_arms
 from maglev_offline.control.stage import run_control
 from maglev_offline.curate.stage import curate as run_curate
 from maglev_offline.errors import ArtefactError, InputError
-from maglev_offline.ingest.store import ingest_logs, samples_made_with
+from maglev_offline.filesystems import Where
+from maglev_offline.ingest.store import dry_run, ingest_logs, samples_made_with
 from maglev_offline.outcomes import Done, Ingested, Run
 from maglev_offline.progress import Progress
 from maglev_offline.recipe import Recipe
@@ -40,25 +41,33 @@ def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
 
 
 def ingest(
-    recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress, *, only: bool = False
+    recipe: Recipe,
+    workspace: Workspace,
+    logs: Sequence[Where],
+    jobs: int,
+    progress: Progress,
+    *,
+    only: bool = False,
+    merge: bool = False,
 ) -> Ingested:
     """Ingest logs, then curate the transitions of all logs in the workspace, or of `only` these.
 
+    `merge`: the logs are parts of one recording.
+
     Nothing is curated if none of these logs is usable.
     """
-    result = ingest_logs(
-        logs,
-        workspace,
-        signals=recipe.signals,
-        settings=recipe.ingest,
-        plant=recipe.plant,
-        jobs=jobs,
-        progress=progress,
-    )
+    result = ingest_logs(logs, workspace, recipe.request, jobs=jobs, merge=merge, progress=progress)
     if not result.folders:
         return Ingested(list(result.logs), None)
     curated = curate(recipe, workspace, progress, folders=result.folders if only else None)
     return Ingested(list(result.logs), curated)
+
+
+def would_ingest(
+    recipe: Recipe, logs: Sequence[Where], jobs: int, progress: Progress, *, merge: bool = False
+) -> Ingested:
+    """Say what would come of logs, and write nothing."""
+    return Ingested(list(dry_run(logs, recipe.request, jobs=jobs, merge=merge, progress=progress).logs), None)
 
 
 def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders: Sequence[Path] | None = None) -> Done:
@@ -88,7 +97,7 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
 
 def _fitting_samples(recipe: Recipe, workspace: Workspace, progress: Progress) -> list[Path]:
     """The samples that this recipe made; others do not go with them, and are named."""
-    folders, others = samples_made_with(workspace, signals=recipe.signals, settings=recipe.ingest, plant=recipe.plant)
+    folders, others = samples_made_with(workspace, recipe.request)
     if others:
         named = ", ".join([*(folder.name for folder in others[:3]), *["..."] * (len(others) > 3)])
         text = (
@@ -279,7 +288,7 @@ def report(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     return Done("report", page, fresh, f"{page.stat().st_size / 1e6:.2f} MB, one file, opens without a network")
 
 
-def run(recipe: Recipe, workspace: Workspace, logs: list[Path], jobs: int, progress: Progress) -> Run:
+def run(recipe: Recipe, workspace: Workspace, logs: Sequence[Where], jobs: int, progress: Progress) -> Run:
     """Go the whole road. A recipe without algorithms ends at the classical controllers, and reports that.
 
     Where no log can be used there is nothing to go on with, and the road ends at once.

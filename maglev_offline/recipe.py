@@ -15,6 +15,9 @@ from maglev_offline.control.settings import ControlSettings
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import RecipeError
 from maglev_offline.identify.settings import IdentifySettings
+from maglev_offline.ingest.checks.settings import CheckSettings
+from maglev_offline.ingest.request import Request
+from maglev_offline.ingest.select import Selection
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.logs.signals import SignalMap
 from maglev_offline.logs.surrogate_settings import SurrogateSettings
@@ -40,6 +43,8 @@ class Recipe(Settings):
     mdp: Mdp = Field(default_factory=Mdp)
     signals: SignalMap | None = None
     ingest: IngestSettings = Field(default_factory=IngestSettings)
+    checks: CheckSettings = Field(default_factory=CheckSettings)
+    select: Selection = Field(default_factory=Selection)
     identify: IdentifySettings = Field(default_factory=IdentifySettings)
     curate: CurateSettings = Field(default_factory=CurateSettings)
     prefill: PrefillSettings = Field(default_factory=PrefillSettings)
@@ -54,6 +59,11 @@ class Recipe(Settings):
     def world(self) -> World:
         """The tables that training depends on."""
         return World(self.plant, self.mdp, self.training, self.evaluation)
+
+    @property
+    def request(self) -> Request:
+        """The tables that samples depend on."""
+        return Request(self.signals, self.ingest, self.plant, self.checks, self.select)
 
     def plain(self) -> dict[str, Any]:
         """The resolved recipe as JSON-able tables, defaults filled in."""

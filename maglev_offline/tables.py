@@ -1,10 +1,16 @@
 """Tables to Parquet, the same bytes for the same table."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+
+ROW_GROUP = 2**18
+"""Rows of a row group of a long table."""
 
 
 def write_parquet(table: pa.Table | pd.DataFrame, path: Path) -> None:
@@ -12,3 +18,35 @@ def write_parquet(table: pa.Table | pd.DataFrame, path: Path) -> None:
     if isinstance(table, pd.DataFrame):
         table = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata()
     pq.write_table(table, path, compression="zstd")
+
+
+class ParquetSink:
+    """A Parquet file that is written table by table in row groups of `ROW_GROUP`, however the tables are cut.
+
+    `options` are those of `pyarrow.parquet.ParquetWriter`.
+    """
+
+    def __init__(self, path: Path, schema: pa.Schema, options: Mapping[str, Any] | None = None) -> None:
+        self._writer = pq.ParquetWriter(path, schema, **{"compression": "zstd", **(options or {})})
+        self._waiting: list[pa.Table] = []
+        self._rows = 0
+
+    def write(self, table: pa.Table) -> None:
+        """Append the rows of a table."""
+        self._waiting.append(table)
+        self._rows += len(table)
+        while self._rows >= ROW_GROUP:
+            joined = pa.concat_tables(self._waiting)
+            self._writer.write_table(joined.slice(0, ROW_GROUP), row_group_size=ROW_GROUP)
+            self._waiting = [joined.slice(ROW_GROUP)]
+            self._rows -= ROW_GROUP
+
+    def __enter__(self) -> "ParquetSink":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None and self._rows:
+            self._writer.write_table(pa.concat_tables(self._waiting), row_group_size=ROW_GROUP)
+        self._writer.close()

@@ -8,24 +8,24 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from maglev_offline import __version__
 from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
+from maglev_offline.hashes import KnownHashes
+from maglev_offline.hashes import sha256_of as sha256_of
 from maglev_offline.settings import Settings
 
 SCHEMA = 1
 """Version of the layout of artefacts; a reader refuses any other."""
 
+KNOWN_HASHES = ".known_hashes.json"
+"""File of the workspace in which the hashes of logs and artefacts are kept; see `hashes`. It may be removed."""
+
 _RECORDED_PACKAGES = ("control", "matplotlib", "mcap", "numpy", "pandas", "pyarrow", "scipy", "torch")
-
-
-def sha256_of(path: Path) -> str:
-    """Hash of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def fingerprint(stage: str, inputs: Mapping[str, str], *settings: Settings, **options: Any) -> str:
@@ -113,20 +113,38 @@ class Manifest:
 class Workspace:
     """A folder of artefacts. Readers see whole artefacts only; one command writes at a time."""
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, *, rehash: bool = False) -> None:
+        self.root, self.rehash = root, rehash
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Go to a worker process without the hashes, which are many and are not its business."""
+        return {"root": self.root, "rehash": self.rehash}
+
+    @cached_property
+    def known(self) -> KnownHashes:
+        """Hashes of files that were not touched since; with `rehash`, every file is read once more."""
+        return KnownHashes(self.root / KNOWN_HASHES, distrust=self.rehash)
 
     def path(self, *parts: str) -> Path:
         """Folder of an artefact, for instance `path("samples", log_id)`."""
         return self.root.joinpath(*parts)
 
-    def is_current(self, folder: Path, mark: str) -> bool:
-        """Whether the artefact in `folder` is whole and was made from what `mark` stands for."""
+    def current(self, folder: Path, mark: str) -> Manifest | None:
+        """Manifest of the artefact in `folder` if it is whole and was made from what `mark` stands for."""
         try:
             manifest = Manifest.read(folder)
         except ArtefactError:
-            return False
-        return manifest.fingerprint == mark and not changed_files(folder, manifest)
+            return None
+        whole = manifest.fingerprint == mark and not changed_files(folder, manifest, self.known)
+        return manifest if whole else None
+
+    def is_current(self, folder: Path, mark: str) -> bool:
+        """Whether the artefact in `folder` is whole and was made from what `mark` stands for."""
+        return self.current(folder, mark) is not None
+
+    def input_hash(self, folder: Path) -> str:
+        """Hash that stands for a whole artefact, as `input_hash` of this module; untouched files are not read."""
+        return input_hash(folder, self.known)
 
     def list(self, kind: str) -> list[Path]:
         """Folders of all artefacts of one kind, in order of their names."""
@@ -200,33 +218,39 @@ class Workspace:
             try:
                 yield
             finally:
+                if "known" in self.__dict__:
+                    self.known.save()
                 file.truncate(0)
 
 
-def changed_files(folder: Path, manifest: Manifest) -> list[str]:
-    """Files of an artefact that are gone, or are not what was written."""
-    return [
-        name
-        for name, known in manifest.files.items()
-        if not (folder / name).is_file() or sha256_of(folder / name) != known
-    ]
+def changed_files(folder: Path, manifest: Manifest, known: KnownHashes | None = None) -> list[str]:
+    """Files of an artefact that are gone, or are not what was written; of untouched ones, `known` holds the hash."""
+    return [name for name, written in manifest.files.items() if _hash_or_none(folder / name, known) != written]
 
 
-def input_hash(folder: Path) -> str:
+def _hash_or_none(path: Path, known: KnownHashes | None) -> str | None:
+    try:
+        return sha256_of(path) if known is None else known.sha256(path)
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        return None
+
+
+def input_hash(folder: Path, known: KnownHashes | None = None) -> str:
     """Hash that stands for a whole artefact: that of its manifest, which holds the hash of each of its files.
 
     Raises
     ------
     ArtefactError: a file of the artefact is gone, or is not what was written.
     """
-    changed = changed_files(folder, Manifest.read(folder))
+    changed = changed_files(folder, Manifest.read(folder), known)
     if changed:
         raise ArtefactError(
             f"{', '.join(changed)} {'is' if len(changed) == 1 else 'are'} not what was written there.",
             where=str(folder),
             todo="Remove that folder and run its stage again.",
         )
-    return sha256_of(folder / "manifest.json")
+    manifest = folder / "manifest.json"
+    return sha256_of(manifest) if known is None else known.sha256(manifest)
 
 
 def _sync(path: Path) -> None:

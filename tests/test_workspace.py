@@ -1,11 +1,14 @@
 import json
+import pickle
 import subprocess
 import sys
+import time
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from maglev_offline import hashes
 from maglev_offline import workspace as module
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
@@ -23,6 +26,7 @@ from maglev_offline.workspace import (
 
 HOLDER = """
 import sys
+import time
 from pathlib import Path
 from maglev_offline.workspace import Workspace
 with Workspace(Path(sys.argv[1])).lock("train"):
@@ -260,3 +264,57 @@ def test_a_fingerprint_does_not_depend_on_the_order_of_its_tables(tables):
 def test_two_tables_of_one_kind_would_hide_each_other_and_are_refused():
     with pytest.raises(ValueError, match="one kind"):
         mark(settings=(Mdp(), Mdp(discount=0.8)))
+
+
+@pytest.fixture
+def reads(monkeypatch):
+    """Names of the files that were read to hash them, through the hashes that a workspace keeps."""
+    found = []
+    monkeypatch.setattr(hashes, "sha256_of", lambda path: found.append(path.name) or sha256_of(path))
+    return found
+
+
+def look(root, home, **options):
+    """What a command does with an artefact, in a process of its own."""
+    workspace = Workspace(root, **options)
+    with workspace.lock("curate"):
+        return workspace.is_current(home, "mark"), workspace.input_hash(home)
+
+
+def test_the_files_of_an_artefact_that_nobody_touched_are_not_read_again(workspace, reads):
+    home = put(workspace, "abc", "a")
+    time.sleep(hashes.SETTLED_NS / 1e9 + 0.02)
+    first = look(workspace.root, home)
+    assert sorted(reads) == ["data.txt", "manifest.json", "more.txt"]
+    assert look(workspace.root, home) == first == (True, input_hash(home))
+    assert len(reads) == 3
+    assert look(workspace.root, home, rehash=True) == first
+    assert len(reads) == 6
+
+
+@pytest.mark.parametrize("text", ["abd", "ab", ""])
+def test_a_change_is_seen_although_the_hashes_were_known(workspace, text):
+    home = put(workspace, "abc", "a")
+    time.sleep(hashes.SETTLED_NS / 1e9 + 0.02)
+    look(workspace.root, home)
+    (home / "data.txt").write_text(text)
+    again = Workspace(workspace.root)
+    assert not again.is_current(home, "mark")
+    assert again.current(home, "mark") is None
+    with pytest.raises(ArtefactError, match=r"data\.txt is not what was written there"):
+        again.input_hash(home)
+
+
+def test_a_current_artefact_comes_with_its_manifest(workspace):
+    home = put(workspace, "abc", "a")
+    assert workspace.current(home, "mark") == Manifest.read(home)
+    assert workspace.current(home, "other") is None
+    assert workspace.current(workspace.path("none"), "mark") is None
+
+
+def test_a_workspace_goes_to_a_worker_without_the_hashes(workspace):
+    put(workspace, "abc", "a")
+    workspace.known.keep("/log", hashes.Stamp(1, 2, 3, 4), "0" * 64)
+    there = pickle.loads(pickle.dumps(Workspace(workspace.root, rehash=True)))
+    assert (there.root, there.rehash) == (workspace.root, True)
+    assert b"/log" not in pickle.dumps(workspace)

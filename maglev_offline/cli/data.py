@@ -1,7 +1,7 @@
 """Commands on data: surrogate, inspect, ingest, curate, prefill."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Literal
 
 import typer
 
@@ -69,46 +69,69 @@ def surrogate(
     )
 
 
+FailOn = Literal["never", "info", "warning", "error"]
+
+
 def inspect(
     logs: Logs,
+    fail_on: Annotated[
+        FailOn, typer.Option("--fail-on", help="The least severity that ends in exit code 1 (warning) or 2 (error).")
+    ] = "error",
+    html: Annotated[Path | None, typer.Option("--html", help="Write the findings as one HTML page.")] = None,
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
+    jobs: JobsOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Show what logs hold: channels, fields, rates, and the signals that would be used."""
+    """Look at logs: channels, rates, the signals that would be used, and what the checks find wrong.
+
+    Exit code 0 where nothing is as severe as --fail-on, else 1 where the worst is a warning and 2 where it is an error.
+    """
     from maglev_offline.cli import views
-    from maglev_offline.errors import LogError
     from maglev_offline.ingest.inputs import find_logs
-    from maglev_offline.ingest.inspect import inspect_log
+    from maglev_offline.ingest.inspect_many import inspect_logs
 
     session = open_session(recipe, workspace, as_json, quiet, plant)
-    found: list[Any] = []
-    refused: list[LogError] = []
-    for path in find_logs(logs):
-        try:
-            summary = inspect_log(path, session.recipe.signals)
-        except LogError as error:
-            refused.append(error)
-            session.talk.fail(error)
-            continue
-        found.append(summary)
-        session.talk.table(views.heading(summary), list(views.CHANNEL_COLUMNS), views.channel_rows(summary))
-        session.talk.lines(*views.remarks(summary), "")
+    found = inspect_logs(find_logs(logs), session.recipe.request, jobs=cores(jobs), progress=session.talk)
+    for one in found.logs:
+        session.talk.table(views.heading(one.summary), list(views.CHANNEL_COLUMNS), views.channel_rows(one.summary))
+        session.talk.lines(*views.remarks(one.summary), *views.finding_lines(one.findings), "")
+    session.talk.lines(*views.finding_lines(found.across))
+    if html is not None:
+        from maglev_offline.ingest.inspect_page import inspect_page
+
+        html.write_text(inspect_page([one.summary.as_dict() for one in found.logs], found.findings), encoding="utf-8")
+        session.talk.lines(f"The page: {html}")
     session.talk.result(
         {
-            "status": "refused" if refused else "done",
-            "logs": [summary.as_dict() for summary in found],
-            "refused": [{"what": e.what, "where": e.where, "todo": e.todo} for e in refused],
+            "status": "refused" if found.refused else "done",
+            "worst": found.worst,
+            "logs": [
+                {**one.summary.as_dict(), "findings": [finding.plain() for finding in one.findings]}
+                for one in found.logs
+            ],
+            "across": [finding.plain() for finding in found.across],
+            "refused": [{"what": e.what, "where": e.where, "todo": e.todo} for e in found.refused],
         }
     )
-    if refused:
-        raise typer.Exit(2)
+    code = 2 if found.refused else found.exit_code(fail_on)
+    if code:
+        raise typer.Exit(code)
 
 
 def ingest(
     logs: Logs,
+    start: Annotated[str | None, typer.Option(help="Use messages from this time on: ISO 8601, or +12.5s.")] = None,
+    end: Annotated[str | None, typer.Option(help="Use messages before this time.")] = None,
+    topic: Annotated[list[str] | None, typer.Option(help="Use these topics only (name or pattern with *).")] = None,
+    exclude_topic: Annotated[list[str] | None, typer.Option(help="Leave these topics out.")] = None,
+    point: Annotated[list[str] | None, typer.Option(help="Use these suspension points only.")] = None,
+    where: Annotated[list[str] | None, typer.Option(help="Use samples that fulfil this, as 'speed_m_s > 5'.")] = None,
+    merge: Annotated[bool, typer.Option("--merge", help="The logs are parts of one recording.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would come of it, and write nothing.")] = False,
+    rehash: Annotated[bool, typer.Option("--rehash", help="Read every file again, even untouched ones.")] = False,
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
@@ -121,9 +144,22 @@ def ingest(
     from maglev_offline.ingest.inputs import find_logs
     from maglev_offline.outcomes import LOG_COLUMNS
 
-    session = open_session(recipe, workspace, as_json, quiet, plant)
-    with session.at_work("ingest"):
-        done = pipeline.ingest(session.recipe, session.workspace, find_logs(logs), cores(jobs), session.talk)
+    lists = {"topics": topic, "exclude_topics": exclude_topic, "points": point, "where": where}
+    session = with_options(
+        open_session(recipe, workspace, as_json, quiet, plant, rehash=rehash),
+        "select",
+        start=start,
+        end=end,
+        **{name: given or None for name, given in lists.items()},
+    )
+    found = find_logs(logs)
+    if dry_run:
+        done = pipeline.would_ingest(session.recipe, found, cores(jobs), session.talk, merge=merge)
+    else:
+        with session.at_work("ingest"):
+            done = pipeline.ingest(
+                session.recipe, session.workspace, found, cores(jobs), session.talk, merge=merge
+            )
     session.talk.table("Logs", list(LOG_COLUMNS), done.rows())
     session.talk.result(done.plain(), *done.lines())
     if done.refused:

@@ -56,11 +56,17 @@ class Session:
 
 
 def open_session(
-    recipe: Path | None, workspace: Path, as_json: bool, quiet: bool, plant: Path | None = None
+    recipe: Path | None,
+    workspace: Path,
+    as_json: bool,
+    quiet: bool,
+    plant: Path | None = None,
+    *,
+    rehash: bool = False,
 ) -> Session:
     """Load the recipe that is given, or the one that the workspace remembers, or the defaults.
 
-    `plant`: file of a plant that takes the place of the recipe's.
+    `plant`: file of a plant that takes the place of the recipe's; `rehash`: trust no hash that was kept.
     """
     from maglev_offline.console import Talk
     from maglev_offline.recipe import Recipe, load_recipe, recall
@@ -74,15 +80,15 @@ def open_session(
         from maglev_offline.identify.plants import load_plant
 
         found = found.model_copy(update={"plant": load_plant(plant)})
-    return Session(found, Workspace(workspace), talk, found if recipe is not None or plant is not None else None)
+    return Session(found, Workspace(workspace, rehash=rehash), talk, found if recipe is not None or plant is not None else None)
 
 
-def with_options(session: Session, table: str, **given: int | float | str | None) -> Session:
-    """Put the numbers that were given as options into a table of the recipe, which judges them.
+def with_options(session: Session, table: str, **given: int | float | str | list[str] | None) -> Session:
+    """Put what was given as options into a table of the recipe, which judges them.
 
     Raises
     ------
-    RecipeError: the table cannot hold such a number.
+    RecipeError: the table cannot hold it.
     """
     from maglev_offline.recipe import parse_recipe
 

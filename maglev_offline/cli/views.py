@@ -1,5 +1,9 @@
 """How a look at a log reads to a person."""
 
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from maglev_offline.ingest.findings import Finding, Place
 from maglev_offline.ingest.inspect import LogSummary
 
 CHANNEL_COLUMNS = ("topic", "encoding", "schema", "messages", "period (ms)", "jitter (ms)", "longest silence (ms)")
@@ -44,3 +48,41 @@ def remarks(log: LogSummary) -> list[str]:
     ]
     lines += [f"  left out: {point}, {why}" for point, why in log.points_left_out.items()]
     return lines
+
+
+_MOST_PLACES = 3
+"""So many places of a finding are printed; JSON and the page have more."""
+
+
+def finding_lines(findings: Sequence[Finding]) -> list[str]:
+    """Each finding in two lines or three: what, where, what to do."""
+    lines = []
+    for one in findings:
+        about = " ".join(filter(None, (one.point and f"point {one.point}", one.topic)))
+        lines.append(f"  {one.severity}: {one.code}{f' ({about})' if about else ''}: {one.what}")
+        places = [_place(place) for place in one.places[:_MOST_PLACES]]
+        more = f", and {one.count - len(places):,} more" if places and one.count > len(places) else ""
+        if any(places):
+            lines.append(f"    at {'; '.join(filter(None, places))}{more}")
+        if one.todo:
+            lines.append(f"    {one.todo}")
+    return lines
+
+
+def _place(place: Place) -> str:
+    parts = []
+    if place.start_ns is not None:
+        parts.append(_time(place.start_ns))
+        if place.end_ns is not None and place.end_ns != place.start_ns:
+            parts.append(f"to {_time(place.end_ns)}")
+    if place.first_message is not None:
+        last = place.last_message
+        parts.append(f"message {place.first_message:,}" + (f"-{last:,}" if last not in (None, place.first_message) else ""))
+    if place.byte_offset is not None:
+        parts.append(f"byte {place.byte_offset:,}")
+    return " ".join(parts)
+
+
+def _time(t_ns: int) -> str:
+    seconds, below = divmod(t_ns, 10**9)
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{below // 10**6:03d}Z"

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_offline.logs.reader import ChannelColumns
+from maglev_offline.logs.columns import ChannelColumns
 from maglev_offline.logs.signals import Clock
 
 NS_PER_MS = 1_000_000
@@ -17,7 +17,8 @@ def choose(columns: ChannelColumns, clock: Clock) -> Times:
     Where a sender left the publish time at 0, the log time stands in, as the MCAP specification has it.
     """
     if clock == "publish_time":
-        return np.where(columns.publish_time_ns == 0, columns.log_time_ns, columns.publish_time_ns)
+        unset = columns.publish_time_ns == 0
+        return np.where(unset, columns.log_time_ns, columns.publish_time_ns) if unset.any() else columns.publish_time_ns
     if clock == "header":
         if columns.clock_ns is None:
             raise ValueError("the header clock was not read")

@@ -9,16 +9,20 @@ CONTACT = "contact"
 Mask = NDArray[np.bool_]
 
 
-def touched_rows(grid_ns: NDArray[np.int64], touching: Mask, t_ns: NDArray[np.int64], touch: Mask) -> Mask:
-    """Rows in contact: those at a stop, and those since whose predecessor a message was at a stop. Shape [grid].
+def touched_rows(touching: Mask, touch: Mask, through: NDArray[np.int64], begins: NDArray[np.int64]) -> Mask:
+    """Rows in contact: those at a stop, and those since whose predecessor a message was at a stop. Shape [n].
 
-    `touching` says which of the rows are at a stop, `touch` which of the gap's messages (at `t_ns`, in time order)
-    are. A bounce between two grid instants would otherwise be passed over as free motion.
+    `touching` says which of the rows are at a stop, `touch` which of the gap's messages are, in time order.
+    `through` [n] is how many messages there are up to each row's instant, `begins` the first row of each stretch. A
+    bounce between two grid instants would otherwise be passed over as free motion.
     """
+    if not touch.any():
+        return touching
+    touched = np.concatenate([[0], np.cumsum(touch)])[through]
     rows = touching.copy()
-    at = t_ns[touch]
-    at = at[(at > grid_ns[0]) & (at <= grid_ns[-1])]
-    rows[np.searchsorted(grid_ns, at)] = True
+    since = touched[1:] > touched[:-1]
+    since[begins[1:] - 1] = False
+    rows[1:] |= since
     return rows
 
 

@@ -1,4 +1,4 @@
-"""A first look at a log: what is in it, how fast, and which signals would be taken."""
+"""A look at a log: what is in it, how fast, which signals would be taken, and what the checks find."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -6,18 +6,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
+from maglev_offline.ingest.checks.damage import damage_findings
 from maglev_offline.ingest.clock import NS_PER_MS, steps_of
-from maglev_offline.logs.mapping import resolve
-from maglev_offline.logs.reader import ChannelColumns, ChannelInfo, read_columns, read_info
-from maglev_offline.logs.signals import SignalMap
-from maglev_offline.workspace import sha256_of
+from maglev_offline.ingest.content import ContentSketch
+from maglev_offline.filesystems import Where
+from maglev_offline.ingest.decoded import DecodedLog, Part, open_parts
+from maglev_offline.ingest.findings import Finding, by_severity
+from maglev_offline.ingest.log import examine_parts, plan_of
+from maglev_offline.ingest.request import Request
+from maglev_offline.logs.channels import ChannelInfo
+from maglev_offline.logs.reader import TopicWanted, read_run, runs
+from maglev_offline.logs.source import open_source
+from maglev_offline.logs.structure import Damage
+from maglev_offline.progress import SILENT, Progress
 
 
 @dataclass(frozen=True)
 class ChannelSummary:
-    """One channel; the times are log times in file order, None where there are too few messages.
+    """One channel; the times are log times, None where there are too few messages.
 
     `period_ms` is the median of the steps, `jitter_ms` their standard deviation, `longest_silence_ms` the greatest;
     channels that share a topic share them. `steps_back` counts messages that are earlier than the one before.
@@ -41,12 +50,16 @@ class ChannelSummary:
 
 @dataclass(frozen=True)
 class LogSummary:
-    """What a log holds. Either `signals` is the map that would be used, or `why_no_signals` says what is missing."""
+    """What a log holds. Either `signals` is the map that would be used, or `why_no_signals` says what is missing.
+
+    `counts` and `left_out` are those that ingestion would give, empty without signals.
+    """
 
     file: str
     size_bytes: int
     sha256: str
     simulated: bool
+    whole_file: bool
     metadata: dict[str, dict[str, str]]
     compressions: tuple[str, ...]
     messages: int
@@ -55,49 +68,101 @@ class LogSummary:
     points: tuple[str, ...]
     points_left_out: dict[str, str]
     why_no_signals: str
+    counts: dict[str, int]
+    left_out: dict[str, int]
+    decoded_by: dict[str, int]
 
     def as_dict(self) -> dict[str, Any]:
         """The summary as plain JSON values."""
         return asdict(self)
 
 
-def inspect_log(path: Path, signals: SignalMap | None = None) -> LogSummary:
-    """Look at a whole log; every check sum in it is checked, its payloads are not decoded.
+@dataclass(frozen=True)
+class Inspected:
+    """The summary of a log, what the checks found, and a sketch of the content of each point."""
+
+    summary: LogSummary
+    findings: tuple[Finding, ...]
+    content: dict[str, ContentSketch]
+
+
+def inspect_log(where: Where, request: Request, *, jobs: int = 1, progress: Progress = SILENT) -> Inspected:
+    """Look at a whole log as ingestion would, and keep nothing.
 
     Raises
     ------
-    LogError: the file is no MCAP file, is empty, cut off or damaged. Signals that cannot be found are no error here.
+    LogError: the file is no MCAP file, or is empty. Signals that cannot be found are no error here.
     """
-    info = read_info(path)
-    log = read_columns(path, {channel.topic: () for channel in info.channels})
-    used: dict[str, Any] | None = None
-    points: Sequence[str] = ()
-    left_out: dict[str, str] = {}
-    why = ""
+    (part,) = open_parts([where])
+    with open_source(where) as source:
+        sha256 = source.sha256()
+    times, damages = _log_times(part)
+    name = Path(str(where)).name
     try:
-        plan = resolve(signals, info.channels)
-        used = plan.signal_map.model_dump(mode="json", exclude_defaults=True)
-        points, left_out = tuple(plan.sources), plan.incomplete
+        plan = plan_of([part], request)
+        made = examine_parts([part], plan, name, request, jobs=jobs, progress=progress)
     except LogError as error:
-        why = error.paragraph()
+        bare = DecodedLog((), {}, (), {}, {}, tuple((0, d) for d in (*part.structure.damages, *damages)))
+        told = by_severity(damage_findings(name, [part], bare))
+        nothing = _summary(part, sha256, times, None, (), {}, error.paragraph())
+        return Inspected(nothing, tuple(told), {})
+    signals = plan.signal_map.model_dump(mode="json", exclude_defaults=True)
+    left_out = made.facts["points_left_out"]
+    summary = _summary(part, sha256, times, signals, tuple(plan.sources), left_out, "")
+    counted = {"counts": made.counts, "left_out": made.left_out, "decoded_by": made.facts["decoded_by"]}
+    return Inspected(LogSummary(**{**vars(summary), **counted}), made.findings, made.content)
+
+
+def _summary(
+    part: Part,
+    sha256: str,
+    times: dict[str, NDArray[np.int64]],
+    signals: dict[str, Any] | None,
+    points: Sequence[str],
+    left_out: dict[str, str],
+    why: str,
+) -> LogSummary:
+    info = part.info
     return LogSummary(
-        file=path.name,
-        size_bytes=path.stat().st_size,
-        sha256=sha256_of(path),
+        file=Path(str(part.where)).name,
+        size_bytes=info.size_bytes,
+        sha256=sha256,
         simulated=info.simulated,
+        whole_file=info.whole,
         metadata=info.metadata,
         compressions=info.compressions,
-        messages=sum(log.message_counts.values()),
-        channels=tuple(_channel(channel, log.topics[channel.topic]) for channel in info.channels),
-        signals=used,
+        messages=sum(len(t) for t in times.values()),
+        channels=tuple(_channel(channel, times[channel.topic]) for channel in info.channels),
+        signals=signals,
         points=tuple(points),
         points_left_out=left_out,
         why_no_signals=why,
+        counts={},
+        left_out={},
+        decoded_by={},
     )
 
 
-def _channel(channel: ChannelInfo, columns: ChannelColumns) -> ChannelSummary:
-    in_time = np.sort(columns.log_time_ns)
+def _log_times(part: Part) -> tuple[dict[str, NDArray[np.int64]], list[Damage]]:
+    """Log times of every topic in file order, and what of the chunks could not be used."""
+    headers = {channel.topic: TopicWanted(()) for channel in part.info.channels}
+    found: dict[str, list[NDArray[np.int64]]] = {topic: [] for topic in headers}
+    damages: list[Damage] = []
+    with open_source(part.where) as source:
+        for spans in runs(part.structure):
+            read = read_run(source, part.structure, spans, headers)
+            damages += read.damages
+            for slab, _ in read.slabs:
+                for topic, times in found.items():
+                    columns = slab.columns(topic, 0)
+                    if columns is not None:
+                        times.append(columns.log_time_ns)
+    nothing = np.empty(0, dtype=np.int64)
+    return {topic: np.concatenate([nothing, *parts]) for topic, parts in found.items()}, damages
+
+
+def _channel(channel: ChannelInfo, log_time_ns: NDArray[np.int64]) -> ChannelSummary:
+    in_time = np.sort(log_time_ns)
     median, jitter, longest = (None if value is None else value / NS_PER_MS for value in steps_of(in_time))
     return ChannelSummary(
         topic=channel.topic,
@@ -111,7 +176,7 @@ def _channel(channel: ChannelInfo, columns: ChannelColumns) -> ChannelSummary:
         period_ms=median,
         jitter_ms=jitter,
         longest_silence_ms=longest,
-        steps_back=int((np.diff(columns.log_time_ns) < 0).sum()),
+        steps_back=int((np.diff(log_time_ns) < 0).sum()),
         fields=channel.fields,
         times=channel.times,
     )

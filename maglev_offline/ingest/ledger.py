@@ -9,9 +9,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from maglev_offline.errors import MaglevOfflineError
-from maglev_offline.logs.reader import NO_TIME
+from maglev_offline.logs.columns import NO_TIME
 
-RULE_VERSION = 1
+RULE_VERSION = 2
 """Raised whenever a rule changes what it quarantines."""
 
 SCHEMA = pa.schema(
@@ -22,6 +22,7 @@ SCHEMA = pa.schema(
         ("point", pa.string()),
         ("t", pa.timestamp("ns", tz="UTC")),
         ("message_index", pa.int64()),
+        ("byte_offset", pa.int64()),
         ("code", pa.string()),
         ("detail", pa.string()),
         ("count", pa.int64()),
@@ -29,7 +30,7 @@ SCHEMA = pa.schema(
     ]
 )
 """Level `message` speaks of messages as logged, level `sample` of grid rows; `message_index` is that within the
-topic in file order, -1 where there is none."""
+topic in file order, `byte_offset` where in the file the damage lies that took the messages; -1 where there is none."""
 
 Level = Literal["message", "sample"]
 
@@ -49,6 +50,7 @@ class Quarantined:
     point: str = ""
     detail: str | NDArray[np.str_] = ""
     count: int = 1
+    byte_offset: int = -1
 
     @property
     def total(self) -> int:
@@ -56,43 +58,45 @@ class Quarantined:
         return len(self.t_ns) * self.count
 
 
-def rows(point: str, topic: str, code: str, t_ns: NDArray[np.int64], detail: str = "") -> Quarantined:
+def rows(
+    point: str, topic: str, code: str, t_ns: NDArray[np.int64], detail: str | NDArray[np.str_] = ""
+) -> Quarantined:
     """Entries for grid rows of a point; `topic` is the one that its gap comes from."""
     return Quarantined("sample", code, t_ns, np.full(len(t_ns), -1), topic, point, detail)
 
 
-def whole_topic(topic: str, code: str, count: int, detail: str = "") -> Quarantined:
-    """One entry that stands for all messages of a topic."""
-    return Quarantined("message", code, np.array([NO_TIME]), np.array([-1]), topic, "", detail, count)
+def together(topic: str, code: str, count: int, detail: str = "", *, byte_offset: int = -1) -> Quarantined:
+    """One entry that stands for many messages of a topic."""
+    return Quarantined("message", code, np.array([NO_TIME]), np.array([-1]), topic, "", detail, count, byte_offset)
 
 
 def table(log_id: str, entries: Sequence[Quarantined]) -> pa.Table:
     """The ledger of one log: messages by topic and place in the file, then rows by point and time."""
-    used = sorted(
-        (e for e in entries if len(e.t_ns)), key=lambda e: (e.level, e.topic if e.level == "message" else e.point)
-    )
-    columns: dict[str, list[NDArray[np.generic]]] = {name: [] for name in SCHEMA.names}
-    for e in used:
-        n = len(e.t_ns)
-        for name, value in (("log_id", log_id), ("level", e.level), ("topic", e.topic), ("point", e.point)):
-            columns[name].append(np.full(n, value, dtype=object))
-        columns["t"].append(e.t_ns)
-        columns["message_index"].append(e.message_index)
-        columns["code"].append(np.full(n, e.code, dtype=object))
-        columns["detail"].append(np.broadcast_to(np.asarray(e.detail, dtype=object), (n,)))
-        columns["count"].append(np.full(n, e.count))
-        columns["rule_version"].append(np.full(n, RULE_VERSION))
-    arrays = []
-    for name, kind in zip(SCHEMA.names, SCHEMA.types, strict=True):
-        parts = columns[name]
-        if name == "t":
-            t = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-            arrays.append(pa.array(t, mask=t == NO_TIME, type=pa.int64()).cast(kind))
-        else:
-            arrays.append(pa.array(np.concatenate(parts) if parts else [], type=kind))
-    made = pa.Table.from_arrays(arrays, schema=SCHEMA)
-    return made.sort_by([("level", "ascending"), ("topic", "ascending"), ("point", "ascending"),
-                         ("message_index", "ascending"), ("t", "ascending"), ("code", "ascending")])  # fmt: skip
+    parts = [_part(log_id, entry) for entry in entries if len(entry.t_ns)]
+    made = pa.concat_tables(parts) if parts else SCHEMA.empty_table()
+    return made.sort_by([(name, "ascending") for name in _ORDER])
+
+
+_ORDER = ("level", "topic", "point", "message_index", "t", "byte_offset", "code")
+
+
+def _part(log_id: str, entry: Quarantined) -> pa.Table:
+    n = len(entry.t_ns)
+    detail = pa.repeat(entry.detail, n) if isinstance(entry.detail, str) else pa.array(entry.detail, type=pa.string())
+    columns = {
+        "log_id": pa.repeat(log_id, n),
+        "level": pa.repeat(entry.level, n),
+        "topic": pa.repeat(entry.topic, n),
+        "point": pa.repeat(entry.point, n),
+        "t": pa.array(entry.t_ns, mask=entry.t_ns == NO_TIME, type=pa.int64()).cast(SCHEMA.field("t").type),
+        "message_index": pa.array(entry.message_index, type=pa.int64()),
+        "byte_offset": pa.array(np.full(n, entry.byte_offset), type=pa.int64()),
+        "code": pa.repeat(entry.code, n),
+        "detail": detail,
+        "count": pa.array(np.full(n, entry.count), type=pa.int64()),
+        "rule_version": pa.array(np.full(n, RULE_VERSION), type=pa.int32()),
+    }
+    return pa.Table.from_arrays([columns[name] for name in SCHEMA.names], schema=SCHEMA)
 
 
 def counts(entries: Sequence[Quarantined], level: Level | None = None) -> dict[str, int]:
@@ -105,9 +109,15 @@ def counts(entries: Sequence[Quarantined], level: Level | None = None) -> dict[s
 
 
 def check_sums(
-    where: str, entries: Sequence[Quarantined], *, messages: Mapping[str, int], rows: Mapping[str, int]
+    where: str,
+    put_aside: Mapping[Level, Mapping[str, int]],
+    *,
+    messages: Mapping[str, int],
+    rows: Mapping[str, int],
 ) -> None:
     """Hold the ledger against what came in and what was used: `in` = `used` + quarantined, at both levels.
+
+    `put_aside` has for each level how many each code stands for.
 
     Raises
     ------
@@ -115,11 +125,11 @@ def check_sums(
     """
     levels: tuple[tuple[Level, Mapping[str, int]], ...] = (("message", messages), ("sample", rows))
     for level, sums in levels:
-        put_aside = sum(counts(entries, level).values())
-        if sums["in"] != sums["used"] + put_aside:
+        quarantined = sum(put_aside[level].values())
+        if sums["in"] != sums["used"] + quarantined:
             raise MaglevOfflineError(
                 f"the ledger does not add up: {sums['in']:,} {level}s came in, {sums['used']:,} were used and "
-                f"{put_aside:,} quarantined.",
+                f"{quarantined:,} quarantined.",
                 where=where,
                 todo="This is a fault of maglev-offline: please report it with the log.",
             )

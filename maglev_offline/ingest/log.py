@@ -1,129 +1,222 @@
-"""One log from its messages to its samples, its ledger and its facts."""
+"""One log, or several files that are one recording: from its messages to samples, ledger and findings."""
 
-from collections.abc import Mapping
+import tempfile
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 from maglev_offline.errors import LogError
-from maglev_offline.ingest import checks, clock, ledger, samples
+from maglev_offline.ingest import ledger, rules, samples
+from maglev_offline.ingest.checks.damage import damage_findings
+from maglev_offline.ingest.content import CONTENT, ContentSketch, save_content
+from maglev_offline.filesystems import Where
+from maglev_offline.ingest.decoded import DecodedLog, Part, decode_parts, open_parts
+from maglev_offline.ingest.examine import Examined, Nowhere, Sink, examine
+from maglev_offline.ingest.findings import FINDINGS, Finding, by_severity, save_findings
 from maglev_offline.ingest.ledger import Quarantined
-from maglev_offline.ingest.points import PointSamples, assemble
-from maglev_offline.ingest.settings import IngestSettings
-from maglev_offline.ingest.topics import CleanTopic, clean
+from maglev_offline.ingest.merge import Part as MergePart
+from maglev_offline.ingest.merge import merge_order
+from maglev_offline.ingest.point_work import Context
+from maglev_offline.ingest.request import Request
+from maglev_offline.ingest.select import NOT_SELECTED_POINT, NOT_SELECTED_TOPIC, wants_point, wants_topic
+from maglev_offline.logs.channels import ChannelInfo
+from maglev_offline.logs.decode.library import ClockField
 from maglev_offline.logs.mapping import SignalPlan, resolve
-from maglev_offline.logs.reader import ClockField, LogInfo, read_columns, read_info
-from maglev_offline.logs.signals import UNIT_OF_SIGNAL, SignalMap
+from maglev_offline.logs.reader import TopicWanted
 from maglev_offline.logs.units import to_si_factor
-from maglev_offline.physics.parameters import Plant
+from maglev_offline.progress import SILENT, Progress
+from maglev_offline.tables import ParquetSink
 
 
 @dataclass(frozen=True)
 class IngestedLog:
-    """What came of one log: the two tables, counts, what was left out by reason code, and the stage's findings."""
+    """What came of one log beside its tables: counts, what was left out by reason code, facts, findings, content."""
 
-    samples: pa.Table
-    quarantine: pa.Table
     counts: dict[str, int]
     left_out: dict[str, int]
     facts: dict[str, Any]
+    findings: tuple[Finding, ...]
+    content: dict[str, ContentSketch]
 
 
 def ingest_log(
-    path: Path, log_id: str, *, signals: SignalMap | None, settings: IngestSettings, plant: Plant
+    where: Where | Sequence[Where],
+    log_id: str,
+    request: Request,
+    out: Path | None = None,
+    *,
+    jobs: int = 1,
+    progress: Progress = SILENT,
 ) -> IngestedLog:
     """Turn one log into samples; without a signal map the signals are found by names and units.
+
+    Parameters
+    ----------
+    where: a file, or several that are read as one recording in order of time.
+    out: folder for samples.parquet, quarantine.parquet, findings.json and content.parquet; None writes nothing.
+    jobs: processes that share a large log; the bytes are the same.
 
     Raises
     ------
     LogError: the log cannot be read, its signals cannot be found, or fewer than two usable samples come of it.
+    InputError: the parts overlap, or the selection does not fit the log.
     """
-    where = str(path)
-    info = read_info(path)
-    if not any(channel.message_count for channel in info.channels):
-        raise LogError("the log holds no messages.", where=where, todo="Check what was recorded, and leave it out.")
+    parts = _in_order([where] if isinstance(where, str | Path) else where)
+    plan = plan_of(parts, request)
+    made = examine_parts(parts, plan, log_id, request, out, jobs=jobs, progress=progress)
+    if made.counts["rows"] < 2:
+        raise _too_few(parts, plan, request, made)
+    return made
+
+
+def plan_of(parts: Sequence[Part], request: Request) -> SignalPlan:
+    """Which topic gives which signal of which point.
+
+    Raises
+    ------
+    LogError: there are no messages, or the signals cannot be found.
+    """
+    where = str(parts[0].where)
+    channels = [channel for part in parts for channel in part.info.channels]
+    if not any(channel.message_count for channel in channels):
+        told = sorted({damage.code for part in parts for damage in part.structure.damages})
+        raise LogError(
+            "the log holds no messages that can be read" + (f" ({', '.join(told)})." if told else "."),
+            where=where,
+            todo="Check what was recorded, and leave it out.",
+        )
+    settings = request.settings
+    wanted = [c for c in _joined(channels) if wants_topic(request.select, c.topic)]
     leave_out = ("velocity",) if settings.velocity == "central_difference" else ()
-    plan = resolve(signals, info.channels, where=where, leave_out=leave_out)
+    plan = resolve(request.signals, wanted, where=where, leave_out=leave_out)
     if settings.velocity == "logged" and plan.signal_map.velocity is None:
         raise LogError(
             "the recipe wants the logged velocity, and no velocity is mapped.",
             where=where,
             todo='Map it in [signals], or use velocity = "auto" or "central_difference".',
         )
-    log = read_columns(path, {name: topic.paths for name, topic in plan.topics.items()}, _clock_fields(plan))
+    return plan
 
-    entries: list[Quarantined] = []
-    topics: dict[str, CleanTopic] = {}
-    for name, topic_plan in plan.topics.items():
-        topics[name], found = clean(log.topics[name], topic_plan, plan.signal_map, settings)
-        entries += found
-    points = [assemble(point, sources, topics, settings, plant) for point, sources in plan.sources.items()]
-    for point in points:
-        entries += point.entries
-    used = 0
-    for topic in topics.values():
-        of_rows, found = _without_partner(topic, points)
-        used += of_rows
-        entries += found
-    entries += [
-        ledger.whole_topic(name, checks.UNMAPPED, count, _why_unmapped(name, plan))
-        for name, count in log.message_counts.items()
-        if name not in topics
-    ]
 
-    rows = sum(len(point.t_ns) for point in points)
-    messages = {"in": sum(log.message_counts.values()), "used": used}
-    grid_rows = {"in": sum(point.grid_rows for point in points), "used": rows}
-    ledger.check_sums(where, entries, messages=messages, rows=grid_rows)
-    left_out = ledger.counts(entries)
-    if rows < 2:
-        reasons = ", ".join(f"{code} {count:,}" for code, count in left_out.items()) or "it holds no messages"
-        raise LogError(
-            f"fewer than two usable samples come of the log; left out: {reasons}.",
-            where=where,
-            todo=f"Look at the log with `maglev-offline inspect`; check the signals, their units, clock = "
-            f'"{plan.signal_map.clock}", and grid_ms = {settings.grid_ms:g} against its period.',
+def examine_parts(
+    parts: Sequence[Part],
+    plan: SignalPlan,
+    log_id: str,
+    request: Request,
+    out: Path | None = None,
+    *,
+    jobs: int = 1,
+    progress: Progress = SILENT,
+) -> IngestedLog:
+    """Decode and look at all parts; what comes of it may be nothing."""
+    points = {point: sources for point, sources in plan.sources.items() if wants_point(request.select, point)}
+    topics = {topic for sources in points.values() for topic in sources.values()}
+    wanted = _wanted(plan, topics)
+    where = ", ".join(str(part.where) for part in parts)
+    with tempfile.TemporaryDirectory(prefix=".decoded-", dir=out) as scratch:
+        decoded = decode_parts(parts, wanted, Path(scratch), jobs=jobs, progress=progress)
+        beforehand = _beforehand(decoded, plan, topics, request)
+        chosen = SignalPlan(
+            plan.signal_map,
+            plan.detected,
+            {t: p for t, p in plan.topics.items() if t in topics},
+            points,
+            plan.incomplete,
         )
-    counts = {
-        "messages": messages["in"],
-        "messages_used": used,
-        "messages_quarantined": messages["in"] - used,
-        "grid_rows": grid_rows["in"],
-        "rows": rows,
-        "rows_quarantined": grid_rows["in"] - rows,
-        "points": sum(len(point.t_ns) > 0 for point in points),
-        "segments": sum(int(point.segment[-1]) + 1 for point in points if len(point.segment)),
-        "contacts": sum(int(point.contact.sum()) for point in points),
-    }
-    return IngestedLog(
-        samples.table(log_id, points, tuple(plan.signal_map.context)),
-        ledger.table(log_id, entries),
-        counts,
-        left_out,
-        _facts(info, plan, topics, points, settings),
+        first = [part.info.first_log_time_ns for part in parts if part.info.first_log_time_ns is not None]
+        context = Context(log_id, chosen, wanted, request, min(first, default=0))
+        with ExitStack() as stack:
+            sink: Sink = Nowhere() if out is None else _Files(out, plan, stack)
+            found = examine(context, decoded, beforehand, sink, jobs=jobs)
+    came_in = sum(decoded.found.values()) + sum(lost.count for lost in decoded.lost)
+    counts = _counts(came_in, found)
+    ledger.check_sums(
+        where,
+        {"message": found.messages_left_out, "sample": found.rows_left_out},
+        messages={"in": came_in, "used": found.used},
+        rows={"in": found.grid_rows, "used": found.rows},
     )
+    findings = tuple(by_severity([*damage_findings(log_id, parts, decoded), *found.findings]))
+    if out is not None:
+        save_findings(findings, out / FINDINGS)
+        save_content(found.content, out / CONTENT)
+    left_out = dict(sorted((found.messages_left_out + found.rows_left_out).items()))
+    return IngestedLog(counts, left_out, _facts(parts, chosen, decoded, found, request), findings, found.content)
 
 
-def _clock_fields(plan: SignalPlan) -> dict[str, ClockField]:
+class _Files:
+    """The two tables of a log on disk."""
+
+    def __init__(self, out: Path, plan: SignalPlan, stack: ExitStack) -> None:
+        context = tuple(plan.signal_map.context)
+        self._samples = stack.enter_context(samples.open_samples(out / samples.SAMPLES, context))
+        self._quarantine = stack.enter_context(ParquetSink(out / samples.QUARANTINE, ledger.SCHEMA))
+
+    def samples(self, table: pa.Table) -> None:
+        self._samples.write(table)
+
+    def quarantine(self, table: pa.Table) -> None:
+        self._quarantine.write(table)
+
+
+def _in_order(where: Sequence[Where]) -> list[Part]:
+    parts = open_parts(where)
+    if len(parts) == 1:
+        return parts
+    times = {
+        str(part.where): MergePart(
+            str(part.where),
+            {
+                c.topic: (c.first_log_time_ns, c.last_log_time_ns)
+                for c in part.info.channels
+                if c.first_log_time_ns is not None and c.last_log_time_ns is not None
+            },
+        )
+        for part in parts
+    }
+    by_name = {str(part.where): part for part in parts}
+    return [by_name[part.name] for part in merge_order(times.values())]
+
+
+def _joined(channels: Sequence[ChannelInfo]) -> list[ChannelInfo]:
+    """The channels of all parts, those that are alike but for their counts once."""
+    found: dict[tuple[object, ...], ChannelInfo] = {}
+    for channel in channels:
+        if channel.message_count:
+            key = (channel.topic, channel.message_encoding, channel.schema_name, channel.fields)
+            found.setdefault(key, channel)
+    return list(found.values())
+
+
+def _wanted(plan: SignalPlan, topics: set[str]) -> dict[str, TopicWanted]:
     used = plan.signal_map
-    if used.clock_field is None:
-        return {}
-    field = ClockField(used.clock_field, to_si_factor(used.clock_unit, "s") * 1e9)
-    return dict.fromkeys(plan.topics, field)
+    clock = None
+    if used.clock_field is not None:
+        clock = ClockField(used.clock_field, to_si_factor(used.clock_unit, "s") * 1e9)
+    return {topic: TopicWanted(one.paths, clock) for topic, one in plan.topics.items() if topic in topics}
 
 
-def _without_partner(topic: CleanTopic, points: list[PointSamples]) -> tuple[int, list[Quarantined]]:
-    """How many messages of a topic rows came of, and ledger entries for the others."""
-    nothing = np.zeros(len(topic.t_ns), dtype=np.bool_)
-    within = np.logical_or.reduce([nothing, *(p.within[topic.topic] for p in points if topic.topic in p.within)])
-    used = np.logical_or.reduce([nothing, *(p.used[topic.topic] for p in points if topic.topic in p.used)])
-    return int(used.sum()), [
-        topic.put_aside(~within, checks.NO_PARTNER),
-        topic.put_aside(within & ~used, checks.TOO_SHORT, "no grid instant in the stretch"),
+def _beforehand(decoded: DecodedLog, plan: SignalPlan, topics: set[str], request: Request) -> list[Quarantined]:
+    """Entries for messages that were lost, and for those of topics that are not looked at."""
+    entries = [
+        ledger.together(lost.topic, lost.code, lost.count, lost.detail, byte_offset=lost.byte_offset)
+        for lost in decoded.lost
     ]
+    for topic, count in decoded.found.items():
+        if topic in topics:
+            continue
+        if not wants_topic(request.select, topic):
+            entries.append(ledger.together(topic, NOT_SELECTED_TOPIC, count))
+        elif topic in plan.topics:
+            entries.append(ledger.together(topic, NOT_SELECTED_POINT, count))
+        else:
+            entries.append(ledger.together(topic, rules.UNMAPPED, count, _why_unmapped(topic, plan)))
+    return entries
 
 
 def _why_unmapped(topic: str, plan: SignalPlan) -> str:
@@ -134,40 +227,54 @@ def _why_unmapped(topic: str, plan: SignalPlan) -> str:
     return ""
 
 
-def _facts(
-    info: LogInfo,
-    plan: SignalPlan,
-    topics: Mapping[str, CleanTopic],
-    points: list[PointSamples],
-    settings: IngestSettings,
-) -> dict[str, Any]:
-    kept = [point for point in points if len(point.t_ns)]
-    logged = plan.signal_map.velocity is not None and settings.velocity != "central_difference"
+def _counts(came_in: int, found: Examined) -> dict[str, int]:
     return {
-        "simulated": info.simulated,
-        "metadata": info.metadata,
-        "first_t_ns": min(int(point.t_ns.min()) for point in kept),
-        "last_t_ns": max(int(point.t_ns.max()) for point in kept),
-        "points": [point.point for point in kept],
-        "points_left_out": {**plan.incomplete, **{p.point: "no usable sample" for p in points if not len(p.t_ns)}},
+        "messages": came_in,
+        "messages_used": found.used,
+        "messages_quarantined": came_in - found.used,
+        "grid_rows": found.grid_rows,
+        "rows": found.rows,
+        "rows_quarantined": found.grid_rows - found.rows,
+        "points": sum(n > 0 for n in found.rows_of.values()),
+        "segments": sum(found.segments.values()),
+        "contacts": found.contacts,
+    }
+
+
+def _too_few(parts: Sequence[Part], plan: SignalPlan, request: Request, made: IngestedLog) -> LogError:
+    reasons = ", ".join(f"{code} {count:,}" for code, count in made.left_out.items()) or "it holds no messages"
+    failures: Mapping[str, str] = made.facts["failures"]
+    first = next((f" The first failure to decode, on {topic}: {text}." for topic, text in failures.items()), "")
+    return LogError(
+        f"fewer than two usable samples come of the log; left out: {reasons}.{first}",
+        where=", ".join(str(part.where) for part in parts),
+        todo=f"Look at the log with `maglev-offline inspect`; check the signals, their units, clock = "
+        f'"{plan.signal_map.clock}", and grid_ms = {request.settings.grid_ms:g} against its period.',
+    )
+
+
+def _facts(
+    parts: Sequence[Part], plan: SignalPlan, decoded: DecodedLog, found: Examined, request: Request
+) -> dict[str, Any]:
+    kept = [point for point, rows in found.rows_of.items() if rows]
+    none = {point: "no usable sample" for point, rows in found.rows_of.items() if not rows}
+    logged = plan.signal_map.velocity is not None and request.settings.velocity != "central_difference"
+    severities: Counter[str] = Counter(finding.severity for finding in found.findings)
+    return {
+        "simulated": any(part.info.simulated for part in parts),
+        "metadata": {name: record for part in parts for name, record in part.info.metadata.items()},
+        "first_t_ns": found.first_t_ns,
+        "last_t_ns": found.last_t_ns,
+        "points": kept,
+        "points_left_out": {**plan.incomplete, **none},
         "signals": plan.signal_map.model_dump(mode="json"),
         "signals_detected": plan.detected,
         "velocity": "logged" if logged else "central_difference",
         "set_point": "logged" if plan.signal_map.set_point is not None else "plant",
-        "context": [name for name in plan.signal_map.context if name not in UNIT_OF_SIGNAL],
-        "topics": {name: _timing(topic) for name, topic in topics.items()},
-    }
-
-
-def _timing(topic: CleanTopic) -> dict[str, Any]:
-    """Period as found within the stretches: a hole between two of them says nothing of it."""
-    steps = np.diff(topic.t_ns)
-    steps = steps[~np.isin(np.arange(1, len(topic.t_ns)), topic.stretches.first)]
-    found = {"messages": len(topic.t_ns), "stretches": len(topic.stretches), "resets": topic.resets}
-    if len(steps) == 0:
-        return {**found, "period_ms": None, "jitter_ms": None}
-    return {
-        **found,
-        "period_ms": float(np.median(steps)) / clock.NS_PER_MS,
-        "jitter_ms": float(np.std(steps)) / clock.NS_PER_MS,
+        "context": list(plan.signal_map.context),
+        "topics": found.timing,
+        "decoded_by": dict(sorted(decoded.rungs.items())),
+        "failures": decoded.failures,
+        "whole_file": all(part.info.whole for part in parts),
+        "findings": {severity: severities[severity] for severity in ("error", "warning", "info")},
     }

@@ -1,7 +1,7 @@
-"""From the messages of one stretch to values on the grid; nothing is said beyond the stretch's own messages.
+"""From messages to values on the grid, one function for each policy; nothing is said beyond the messages.
 
-The grid is uniform in integer nanoseconds, and its phase is that of the messages: between samples of 100 ms the gap
-turns by up to 3 rad, so a row in the middle between two messages would be an invention (docs/decisions/0007).
+Each takes the place of the rows among the messages of a topic and the values of a signal of it, shape [messages], and
+returns values and origins, shape [rows]. A row with a message on its instant has that message's value, bit for bit.
 """
 
 from enum import IntEnum
@@ -9,8 +9,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-ON_GRID_NS = 1000
-"""A message within a microsecond of a grid instant was measured there."""
+from maglev_offline.ingest.grid import ON_GRID_NS, Times
+from maglev_offline.ingest.placing import Index, Mask, Place, rank
+
+Values = NDArray[np.float64]
+Origins = NDArray[np.int8]
 
 
 class Origin(IntEnum):
@@ -20,64 +23,86 @@ class Origin(IntEnum):
     INTERPOLATED = 1
     HELD = 2
     RECONSTRUCTED = 3
+    FILTERED = 4
+    AVERAGED = 5
 
 
 ORIGINS = tuple(origin.name.lower() for origin in Origin)
 
-Times = NDArray[np.int64]
-Values = NDArray[np.float64]
+
+def at_instant(place: Place, values: Values) -> tuple[Values, Origins]:
+    """The value at the instant, on a straight line between two messages where none is there; otherwise NaN."""
+    if place.all_hit:
+        return values[place.nearest], origins(place, Origin.MEASURED)
+    behind = values[place.before]
+    # A context value may be infinite, and a difference of two that are makes the NaN that it should.
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = values[place.after]
+        found -= behind
+        found *= place.weight
+        found += behind
+    if place.outside is not None:
+        found[place.outside] = np.nan
+    found[place.hits] = values[place.nearest[place.hits]]
+    return found, origins(place, Origin.INTERPOLATED)
 
 
-def grid_phase(t_ns: Times, grid_ns: int) -> int:
-    """Phase in [0, grid_ns) that most messages keep to within a tenth of the period: that of the middle one of them.
-
-    Messages that lie on a grid already give its phase exactly. Where they keep to none, as a source that is faster
-    than the grid, it is the phase of the first message.
-    """
-    half = grid_ns // 2
-    offset = (t_ns - t_ns[0] + half) % grid_ns - half
-    middle = np.partition(offset, (len(offset) - 1) // 2)[(len(offset) - 1) // 2]
-    together = np.abs(offset - middle) <= grid_ns // 10
-    return int((t_ns[0] + (middle if 2 * together.sum() > len(offset) else 0)) % grid_ns)
-
-
-def grid_instants(start_ns: int, end_ns: int, grid_ns: int, phase_ns: int = 0) -> Times:
-    """Instants of that phase from `start_ns` to `end_ns`; one that misses an end by `ON_GRID_NS` still counts."""
-    first = -((ON_GRID_NS + phase_ns - start_ns) // grid_ns)
-    last = (end_ns + ON_GRID_NS - phase_ns) // grid_ns
-    return np.arange(first, last + 1, dtype=np.int64) * grid_ns + phase_ns
-
-
-def interpolate(t_ns: Times, values: Values, grid_ns: Times) -> tuple[Values, NDArray[np.int8]]:
-    """Interpolate linearly between messages in time order; returns the values and their origins, shape [grid].
-
-    An instant with a message has that message's value, untouched. An instant outside the messages is NaN.
-    """
-    nearest, hit = _on_grid(t_ns, grid_ns)
-    # Times since the first message fit into a float64 to the nanosecond; absolute ones do not.
-    seconds = (t_ns - t_ns[0]).astype(np.float64)
-    between = np.interp((grid_ns - t_ns[0]).astype(np.float64), seconds, values, left=np.nan, right=np.nan)
-    return (
-        np.where(hit, values[nearest], between),
-        np.where(hit, Origin.MEASURED, Origin.INTERPOLATED).astype(np.int8),
-    )
-
-
-def hold(t_ns: Times, values: Values, grid_ns: Times, tolerance_ns: int = 0) -> tuple[Values, NDArray[np.int8]]:
-    """Hold the latest message, as a digital output does; returns the values and their origins, shape [grid].
+def hold(place: Place, values: Values, tolerance_ns: int = 0) -> tuple[Values, Origins]:
+    """The latest message, as a digital output holds it; NaN before the first one.
 
     A message that jitter puts up to `tolerance_ns` behind an instant counts as being there: the one before it would
-    be a whole period old. An instant before the first message is NaN.
+    be a whole period old.
     """
-    nearest, hit = _on_grid(t_ns, grid_ns)
-    latest = np.searchsorted(t_ns, grid_ns + tolerance_ns, side="right") - 1
-    held = np.where(latest >= 0, values[np.maximum(latest, 0)], np.nan)
-    return np.where(hit, values[nearest], held), np.where(hit, Origin.MEASURED, Origin.HELD).astype(np.int8)
+    latest, lost = place.latest(tolerance_ns)
+    return _taken(values, latest, lost), origins(place, Origin.HELD)
 
 
-def _on_grid(t_ns: Times, grid_ns: Times) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the nearest message of each instant, and whether it lies on it."""
-    after = np.searchsorted(t_ns, grid_ns).clip(0, len(t_ns) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(t_ns[before] - grid_ns) < np.abs(t_ns[after] - grid_ns), before, after)
-    return nearest, np.abs(t_ns[nearest] - grid_ns) <= ON_GRID_NS
+def nearest(place: Place, values: Values) -> tuple[Values, Origins]:
+    """The nearest message, before or after: `held` says that it is one of another time, unchanged."""
+    lost = place.stop <= place.first
+    if place.longest_ns is not None:
+        lost = lost | (np.abs(place.t_ns[place.nearest] - place.grid.t_ns) > place.longest_ns)
+    return _taken(values, place.nearest, lost if lost.any() else None), origins(place, Origin.HELD)
+
+
+def step_mean(place: Place, values: Values, tolerance_ns: int = 0) -> tuple[Values, Origins]:
+    """The mean over the step that follows the instant, each message held until the next.
+
+    A step that the messages do not reach the end of, or that holds no further message, has the held value.
+    """
+    found, origin = hold(place, values, tolerance_ns)
+    start, t_ns = place.grid.t_ns, place.t_ns
+    end = start + place.grid.period_ns
+    # A message that misses an instant by ON_GRID_NS is there, at either end of the step.
+    latest, lost = place.latest(ON_GRID_NS)
+    final = np.clip(rank(t_ns, end - ON_GRID_NS, place.grid.begin, place.bounds, "left"), place.first, place.stop) - 1
+    full = (t_ns[np.maximum(place.stop - 1, 0)] >= end - ON_GRID_NS) & (final > latest)
+    rows = np.flatnonzero(full if lost is None else full & ~lost)
+    if len(rows):
+        found[rows] = _mean_between(t_ns, values, start[rows], end[rows], latest[rows], final[rows])
+        origin[rows] = Origin.AVERAGED
+    return found, origin
+
+
+def _mean_between(t_ns: Times, values: Values, start: Times, end: Times, head: Index, tail: Index) -> Values:
+    """Means of a held signal from `start` to `end`; `head` is its message at the start, `tail` > `head` at the end."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        held = np.append(values[:-1] * np.diff(t_ns), 0.0)
+        inner = np.add.reduceat(held, np.column_stack([head + 1, tail]).ravel())[::2]
+        # `reduceat` answers an empty range with its first element.
+        inner = np.where(tail > head + 1, inner, 0.0)
+        ends = values[head] * (t_ns[head + 1] - start) + values[tail] * (end - t_ns[tail])
+        mean: Values = (inner + ends) / (end - start)
+    return mean
+
+
+def origins(place: Place, otherwise: Origin) -> Origins:
+    """`measured`, which is 0, where a message lies on the instant."""
+    return place.not_hit * np.int8(otherwise)
+
+
+def _taken(values: Values, index: Index, lost: Mask | None) -> Values:
+    found = values[index]
+    if lost is not None:
+        found[np.broadcast_to(lost, found.shape)] = np.nan
+    return found

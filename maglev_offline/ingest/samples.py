@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.points import PointSamples
 from maglev_offline.ingest.resample import ORIGINS
+from maglev_offline.tables import ParquetSink
 
 _ORIGIN = pa.dictionary(pa.int8(), pa.string())
 _TIME = pa.timestamp("ns", tz="UTC")
@@ -47,34 +48,47 @@ def schema(context: Sequence[str]) -> pa.Schema:
     )
 
 
-def table(log_id: str, points: Iterable[PointSamples], context: Sequence[str]) -> pa.Table:
-    """The samples of one log, points in the given order."""
+def table(log_id: str, point: PointSamples, context: Sequence[str], first_segment: int = 0) -> pa.Table:
+    """The samples of one point, its segments numbered from `first_segment`."""
     made = schema(context)
-    batches = []
-    for point in points:
-        n = len(point.t_ns)
-        columns: dict[str, pa.Array] = {
-            "log_id": pa.repeat(log_id, n),
-            "point": pa.repeat(point.point, n),
-            "t": pa.array(point.t_ns, type=pa.int64()).cast(_TIME),
-            "segment": pa.array(point.segment),
-            "step": pa.array(point.step),
-            "contact": pa.array(point.contact),
-        }
-        for name in made.names:
-            if name in _ORIGIN_COLUMNS:
-                codes = pa.array(point.origins[_ORIGIN_COLUMNS[name]].astype(np.int8))
-                columns[name] = pa.DictionaryArray.from_arrays(codes, pa.array(ORIGINS))
-            elif name not in columns:
-                columns[name] = pa.array(point.values[name], type=pa.float64())
-        batches.append(pa.Table.from_arrays([columns[name] for name in made.names], schema=made))
-    return pa.concat_tables(batches) if batches else made.empty_table()
+    n = len(point.t_ns)
+    columns: dict[str, pa.Array] = {
+        "log_id": pa.repeat(log_id, n),
+        "point": pa.repeat(point.point, n),
+        "t": pa.array(point.t_ns, type=pa.int64()).cast(_TIME),
+        "segment": pa.array(point.segment + np.int32(first_segment) if first_segment else point.segment),
+        "step": pa.array(point.step),
+        "contact": pa.array(point.contact),
+    }
+    for name in made.names:
+        if name in _ORIGIN_COLUMNS:
+            codes = pa.array(point.origins[_ORIGIN_COLUMNS[name]], type=pa.int8())
+            columns[name] = pa.DictionaryArray.from_arrays(codes, pa.array(ORIGINS))
+        elif name not in columns:
+            columns[name] = pa.array(point.values[name], type=pa.float64())
+    return pa.Table.from_arrays([columns[name] for name in made.names], schema=made)
+
+
+def open_samples(path: Path, context: Sequence[str]) -> ParquetSink:
+    """Open a samples file for writing: numbers that count up as differences, names from a dictionary."""
+    made = schema(context)
+    counting = ("t", "segment", "step")
+    return ParquetSink(
+        path,
+        made,
+        {
+            "compression_level": 1,
+            "write_statistics": ["log_id", "point", "t", "segment"],
+            "use_dictionary": ["log_id", "point", "set_point_m", *_ORIGIN_COLUMNS, *context],
+            "column_encoding": dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
+        },
+    )
 
 
 def load_samples(folders: Iterable[Path]) -> pd.DataFrame:
     """Read the samples of several logs into one table, in the order given; a context column that a log lacks is NaN.
 
-    The origin columns are categories, always the same four.
+    The origin columns are categories, always the same ones.
 
     Raises
     ------

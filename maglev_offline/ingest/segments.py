@@ -32,7 +32,7 @@ class Common:
     """Stretches that several topics have in common, m of them: time span, and each topic's own stretch.
 
     `start_ns` and `end_ns` have shape [m], `parts` has shape [m, topics]. `era_first` to `era_last` is what tells times
-    before a reset from the same times after it, see `_eras`.
+    before a reset from the same times after it, see `eras_of`.
     """
 
     start_ns: NDArray[np.int64]
@@ -46,7 +46,9 @@ def stretch_of(t_ns: NDArray[np.int64], epoch: NDArray[np.int32], longest_bridge
     """Number the stretches of messages in time order: a longer silence, or a new epoch, begins another. Shape [n]."""
     if len(t_ns) == 0:
         return np.empty(0, dtype=np.int64)
-    new = (np.diff(t_ns) > longest_bridge_ns) | (np.diff(epoch) != 0)
+    # Unsigned, so that the step between the two ends of what an int64 holds is no negative one.
+    step = t_ns[1:].view(np.uint64) - t_ns[:-1].view(np.uint64)
+    new = (step > longest_bridge_ns) | (epoch[1:] != epoch[:-1])
     return np.concatenate([[0], np.cumsum(new)])
 
 
@@ -69,22 +71,19 @@ def stretches(
     if n == 0:
         nothing = np.empty(0, dtype=np.int64)
         return Stretches(nothing, nothing, nothing, nothing, nothing, nothing, nothing, epochs=1)
-    first = np.flatnonzero(np.concatenate([[True], np.diff(stretch) != 0]))
+    first = np.flatnonzero(np.concatenate([[True], stretch[1:] != stretch[:-1]]))
     stop = np.append(first[1:], n)
-    _, of_epoch = np.unique(epoch, return_inverse=True)
-    earliest = np.full(of_epoch.max() + 1, np.iinfo(np.int64).max)
-    latest = np.full(of_epoch.max() + 1, -1, dtype=np.int64)
-    np.minimum.at(earliest, of_epoch, file_index)
-    np.maximum.at(latest, of_epoch, file_index)
-    which = of_epoch[first]
+    # Epochs ascend, so each is a run.
+    runs = np.flatnonzero(np.concatenate([[True], epoch[1:] != epoch[:-1]]))
+    run = np.searchsorted(runs, first, side="right") - 1
     return Stretches(
         first,
         stop,
         t_ns[first],
         t_ns[stop - 1],
         epoch[first].astype(np.int64),
-        earliest[which],
-        latest[which],
+        np.minimum.reduceat(file_index, runs)[run],
+        np.maximum.reduceat(file_index, runs)[run],
         epochs=int(epoch[-1]) + 1,
     )
 
@@ -95,7 +94,7 @@ def in_common(topics: list[Stretches]) -> Common:
     Stretches meet where their times do and they belong to the same era: after a reset the same times come again, and
     must not be paired with those from before it.
     """
-    eras = _eras(topics)
+    eras = eras_of(topics)
     head = topics[0]
     common = Common(head.start_ns, head.end_ns, *eras[0], np.arange(len(head), dtype=np.int64)[:, None])
     for other, era in zip(topics[1:], eras[1:], strict=True):
@@ -106,7 +105,7 @@ def in_common(topics: list[Stretches]) -> Common:
 Era = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
-def _eras(topics: list[Stretches]) -> list[Era]:
+def eras_of(topics: list[Stretches]) -> list[Era]:
     """First and last number of the era of each stretch; two stretches are of one era where these overlap.
 
     Topics with as many epochs as each other were reset together, and the number of the epoch is the era. Otherwise
@@ -125,16 +124,18 @@ def _eras(topics: list[Stretches]) -> list[Era]:
 def _meet(common: Common, other: Stretches, era_first: NDArray[np.int64], era_last: NDArray[np.int64]) -> Common:
     mine: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
     theirs: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
-    for k in range(len(common.start_ns)):
-        meeting = np.flatnonzero(
-            (other.start_ns <= common.end_ns[k])
-            & (other.end_ns >= common.start_ns[k])
-            & (era_first <= common.era_last[k])
-            & (era_last >= common.era_first[k])
-        )
-        mine.append(np.full(len(meeting), k))
-        theirs.append(meeting)
+    # Stretches of one epoch ascend and do not overlap, so those that meet a span are a range of them.
+    begins = np.flatnonzero(np.concatenate([[True], other.epoch[1:] != other.epoch[:-1]])[: len(other)])
+    for begin, end in zip(begins, np.append(begins[1:], len(other)), strict=False):
+        ours = np.flatnonzero((common.era_last >= era_first[begin]) & (common.era_first <= era_last[begin]))
+        low = np.searchsorted(other.end_ns[begin:end], common.start_ns[ours], side="left")
+        high = np.searchsorted(other.start_ns[begin:end], common.end_ns[ours], side="right")
+        many = np.maximum(high - low, 0)
+        mine.append(np.repeat(ours, many))
+        theirs.append(np.repeat(low + begin - (np.cumsum(many) - many), many) + np.arange(many.sum()))
     a, b = np.concatenate(mine), np.concatenate(theirs)
+    order = np.lexsort((b, a))
+    a, b = a[order], b[order]
     return Common(
         np.maximum(common.start_ns[a], other.start_ns[b]),
         np.minimum(common.end_ns[a], other.end_ns[b]),

@@ -2,32 +2,32 @@
 
 import re
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import joblib
 
-from maglev_offline.errors import ArtefactError, LogError
-from maglev_offline.ingest import samples
-from maglev_offline.ingest.ledger import RULE_VERSION
-from maglev_offline.ingest.log import ingest_log
+from maglev_offline.errors import ArtefactError, InputError, LogError
+from maglev_offline.filesystems import Where
+from maglev_offline.ingest.log import IngestedLog, ingest_log
+from maglev_offline.ingest.merge import merged_sha256
+from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.samples import load_samples
-from maglev_offline.ingest.settings import IngestSettings
-from maglev_offline.logs.records import open_log
-from maglev_offline.logs.signals import SignalMap
-from maglev_offline.physics.parameters import Plant
+from maglev_offline.logs.source import is_uri, open_source
 from maglev_offline.progress import SILENT, Progress
-from maglev_offline.tables import write_parquet
-from maglev_offline.workspace import Manifest, Workspace, fingerprint, sha256_of
+from maglev_offline.workspace import Manifest, Workspace, sha256_of
 
 __all__ = ["KIND", "IngestResult", "LogOutcome", "ingest_logs", "load_samples", "log_id_of", "samples_made_with"]
 
 KIND = "samples"
 """The kind of artefact, and its folder in the workspace."""
 
-Status = Literal["ingested", "skipped", "refused", "duplicate"]
+LARGE_BYTES = 64 * 2**20
+"""Larger logs are ingested one after the other, the processes sharing each; smaller ones side by side."""
+
+Status = Literal["ingested", "skipped", "refused", "duplicate", "not written"]
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,18 @@ class LogOutcome:
     `counts` and `left_out` are those of the manifest, empty for a refused log and for a duplicate.
     """
 
-    path: Path
+    path: Where
     log_id: str
     status: Status
     counts: dict[str, int]
     left_out: dict[str, int]
     message: str
     folder: Path | None
+
+    @property
+    def name(self) -> str:
+        """File name, for people."""
+        return _name(self.path)
 
 
 @dataclass(frozen=True)
@@ -63,172 +68,250 @@ class IngestResult:
         return tuple(log for log in self.logs if log.status == "refused")
 
 
-def samples_made_with(
-    workspace: Workspace, *, signals: SignalMap | None, settings: IngestSettings, plant: Plant
-) -> tuple[list[Path], list[Path]]:
+def samples_made_with(workspace: Workspace, request: Request) -> tuple[list[Path], list[Path]]:
     """Folders of the samples that these settings made, and of those that others made and that do not go with them."""
-    wanted = _tables(signals, settings, plant)
+    wanted = _meaning(request.tables())
     folders = workspace.list(KIND)
-    fits = [Manifest.read(folder).settings == wanted for folder in folders]
+    fits = [_meaning(Manifest.read(folder).settings) == wanted for folder in folders]
     return (
         [folder for folder, fit in zip(folders, fits, strict=True) if fit],
         [folder for folder, fit in zip(folders, fits, strict=True) if not fit],
     )
 
 
-def _tables(signals: SignalMap | None, settings: IngestSettings, plant: Plant) -> dict[str, object]:
-    return {
-        "ingest": settings.model_dump(mode="json"),
-        "plant": plant.model_dump(mode="json"),
-        "signals": signals.model_dump(mode="json") if signals is not None else None,
-    }
+def _meaning(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables that say what a row means; which rows were selected, and what was checked, makes no other rows."""
+    return {name: table for name, table in tables.items() if name not in ("select", "checks")}
 
 
-def log_id_of(path: Path, sha256: str) -> str:
+def log_id_of(where: Where, sha256: str) -> str:
     """Name of a log in every artefact: the file's stem, made safe for a file name, and a piece of its hash."""
-    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", path.stem).lstrip(".-") or "log"
-    return f"{stem}-{sha256[:8]}"
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", _name(where).removesuffix(".mcap")).lstrip(".-") or "log"
+    return f"{stem[:80]}-{sha256[:8]}"
+
+
+def _name(where: Where) -> str:
+    return where.name if isinstance(where, Path) else where.rstrip("/").rpartition("/")[2]
 
 
 def ingest_logs(
-    paths: Iterable[Path],
+    logs: Iterable[Where],
     workspace: Workspace,
+    request: Request,
     *,
-    signals: SignalMap | None,
-    settings: IngestSettings,
-    plant: Plant,
     jobs: int = 1,
+    merge: bool = False,
     progress: Progress = SILENT,
 ) -> IngestResult:
     """Turn every log into the artefact `samples/<log_id>`; one that is there already, unchanged, is skipped.
 
     A log that cannot be used is refused with its reason and the others are ingested. A log whose content came under
-    another name already, in `paths` or in the workspace, is a duplicate and is not ingested twice. The order of
-    `paths` and the number of `jobs` (logs side by side) change nothing. The caller holds the workspace's lock.
+    another name already, in `logs` or in the workspace, is a duplicate and is not ingested twice. With `merge` all of
+    them are parts of one recording. The order of `logs` and the number of `jobs` change nothing. The caller holds the
+    workspace's lock.
+
+    Raises
+    ------
+    InputError: with `merge`, a part cannot be read or two parts overlap.
     """
-    ordered = sorted(dict.fromkeys(Path(p) for p in paths), key=lambda p: (p.name, str(p)))
-    outcomes: dict[Path, LogOutcome] = {}
+    ordered = sorted(dict.fromkeys(logs), key=lambda where: (_name(where), str(where)))
+    outcomes: dict[Where, LogOutcome] = {}
+    hashes: dict[Where, str] = {}
+    for where in ordered:
+        try:
+            hashes[where] = _hash(where, workspace)
+        except LogError as error:
+            if merge:
+                raise
+            outcomes[where] = _refused(where, error)
+    workspace.known.save()
     tasks: list[_Task] = []
     first_of: dict[str, _Task] = {}
-    copies: list[tuple[Path, _Task]] = []
-    for path in ordered:
-        try:
-            with open_log(path):
-                sha256 = sha256_of(path)
-        except LogError as error:
-            outcomes[path] = _refused(path, error)
+    copies: list[tuple[Where, _Task]] = []
+    for task in _tasks(hashes, request, merge=merge):
+        if task.sha256 in first_of:
+            copies.append((task.where, first_of[task.sha256]))
             continue
-        if sha256 in first_of:
-            copies.append((path, first_of[sha256]))
-            continue
-        mark = fingerprint(
-            KIND,
-            {"log": sha256},
-            settings,
-            plant,
-            signals=signals.model_dump(mode="json") if signals is not None else None,
-            rule_version=RULE_VERSION,
-        )
-        task = _Task(path, log_id_of(path, sha256), sha256, mark)
-        first_of[sha256] = task
+        first_of[task.sha256] = task
         folder = workspace.path(KIND, task.log_id)
-        if workspace.is_current(folder, mark):
+        if workspace.is_current(folder, task.mark):
             manifest = Manifest.read(folder)
-            outcomes[path] = _done(task, folder, manifest, "skipped", "is there already, unchanged.")
+            outcomes[task.where] = _done(task, folder, manifest, "skipped", "is there already, unchanged.")
         elif (stored := _stored_copy(workspace, task)) is not None:
-            text = f"{path.name}: the same content is there already as {stored.name}; it was not ingested again."
-            outcomes[path] = LogOutcome(path, task.log_id, "duplicate", {}, {}, text, stored)
+            text = f"{task.name}: the same content is there already as {stored.name}; it was not ingested again."
+            outcomes[task.where] = LogOutcome(task.where, task.log_id, "duplicate", {}, {}, text, stored)
         else:
             tasks.append(task)
 
-    with progress.task("ingest", len(tasks), "log") as tick:
-        work = joblib.Parallel(n_jobs=jobs, return_as="generator")(
-            joblib.delayed(_ingest_one)(task, workspace, signals, settings, plant) for task in tasks
-        )
-        for outcome in work:
-            outcomes[outcome.path] = outcome
-            (progress.error if outcome.status == "refused" else progress.say)(outcome.message)
-            tick(1)
-    for path, task in copies:
-        original = outcomes[task.path]
-        text = f"{path.name}: the same content as {task.path.name}; it was not ingested twice."
-        outcomes[path] = replace(
-            original, path=path, status="duplicate", counts={}, left_out={}, message=text, folder=original.folder
-        )
-    for path in ordered:
-        if outcomes[path].status in ("skipped", "duplicate"):
-            progress.say(outcomes[path].message)
-        elif outcomes[path].status == "refused" and path not in {task.path for task in tasks}:
-            progress.error(outcomes[path].message)
-    return IngestResult(tuple(outcomes[path] for path in ordered))
+    before = set(outcomes)
+    for outcome in _work(tasks, workspace, request, jobs, progress):
+        outcomes[outcome.path] = outcome
+        (progress.error if outcome.status == "refused" else progress.say)(outcome.message)
+    for where, task in copies:
+        text = f"{_name(where)}: the same content as {task.name}; it was not ingested twice."
+        original = outcomes[task.where]
+        outcomes[where] = replace(original, path=where, status="duplicate", counts={}, left_out={}, message=text)
+    _tell_unchanged(
+        [outcomes[where] for where in ordered if where in before or where in {w for w, _ in copies}], progress
+    )
+    return IngestResult(tuple(outcomes[where] for where in ordered if where in outcomes))
+
+
+def dry_run(
+    logs: Iterable[Where], request: Request, *, jobs: int = 1, merge: bool = False, progress: Progress = SILENT
+) -> IngestResult:
+    """Go through logs as `ingest_logs` would, and keep nothing."""
+    ordered = sorted(dict.fromkeys(logs), key=lambda where: (_name(where), str(where)))
+    outcomes: list[LogOutcome] = []
+    for parts in [tuple(ordered)] if merge else [(where,) for where in ordered]:
+        name = " + ".join(_name(part) for part in parts)
+        try:
+            made = ingest_log(parts, name, request, jobs=jobs, progress=progress)
+        except LogError as error:
+            outcomes.append(_refused(parts[0], error))
+            progress.error(outcomes[-1].message)
+            continue
+        left_out = ", ".join(f"{code} {count:,}" for code, count in made.left_out.items()) or "nothing"
+        text = f"{name}: {_sentence(made, request)} Left out: {left_out}."
+        outcomes.append(LogOutcome(parts[0], name, "not written", made.counts, made.left_out, text, None))
+        progress.say(text)
+    return IngestResult(tuple(outcomes))
+
+
+def _tell_unchanged(outcomes: Sequence[LogOutcome], progress: Progress) -> None:
+    skipped = [outcome for outcome in outcomes if outcome.status == "skipped"]
+    for outcome in outcomes:
+        if outcome.status == "refused":
+            progress.error(outcome.message)
+        elif outcome.status == "duplicate" or len(skipped) <= _MOST_LINES:
+            progress.say(outcome.message)
+    if len(skipped) > _MOST_LINES:
+        progress.say(f"{len(skipped):,} logs are there already, unchanged.")
+
+
+_MOST_LINES = 20
+"""More logs that are there already are told in one line."""
 
 
 @dataclass(frozen=True)
 class _Task:
-    path: Path
+    """One artefact to make; `parts` are its files (one, but for a merged recording)."""
+
+    parts: tuple[Where, ...]
     log_id: str
     sha256: str
     mark: str
 
+    @property
+    def where(self) -> Where:
+        return self.parts[0]
+
+    @property
+    def name(self) -> str:
+        return " + ".join(_name(part) for part in self.parts)
+
+
+def _tasks(hashes: dict[Where, str], request: Request, *, merge: bool) -> Iterator[_Task]:
+    groups = [tuple(hashes)] if merge and hashes else [(where,) for where in hashes]
+    for parts in groups:
+        sha256 = hashes[parts[0]] if len(parts) == 1 else merged_sha256(hashes[part] for part in parts)
+        yield _Task(parts, log_id_of(parts[0], sha256), sha256, request.fingerprint(KIND, sha256))
+
+
+def _hash(where: Where, workspace: Workspace) -> str:
+    with open_source(where) as source:
+        return source.sha256() if isinstance(where, str) and is_uri(where) else workspace.known.sha256(Path(where))
+
+
+def _work(
+    tasks: Sequence[_Task], workspace: Workspace, request: Request, jobs: int, progress: Progress
+) -> Iterator[LogOutcome]:
+    """Small logs side by side, large ones one after the other."""
+    small: list[_Task] = []
+    large: list[_Task] = []
+    for task in tasks:
+        alone = len(tasks) == 1 or any(is_large(part) for part in task.parts)
+        (large if alone else small).append(task)
+    with progress.task("ingest", len(tasks), "logs") as tick:
+        if small:
+            side_by_side = joblib.Parallel(n_jobs=jobs, return_as="generator")(
+                joblib.delayed(_ingest_one)(task, workspace, request) for task in small
+            )
+            for outcome in side_by_side:
+                tick(1)
+                yield outcome
+        for task in large:
+            outcome = _ingest_one(task, workspace, request, jobs, progress)
+            tick(1)
+            yield outcome
+
+
+def is_large(where: Where) -> bool:
+    """Whether a log is worth sharing among processes; False for one that cannot be read."""
+    try:
+        with open_source(where) as source:
+            return source.size > LARGE_BYTES
+    except LogError:
+        return False
+
 
 def _ingest_one(
-    task: _Task, workspace: Workspace, signals: SignalMap | None, settings: IngestSettings, plant: Plant
+    task: _Task, workspace: Workspace, request: Request, jobs: int = 1, progress: Progress = SILENT
 ) -> LogOutcome:
-    try:
-        made = ingest_log(task.path, task.log_id, signals=signals, settings=settings, plant=plant)
-    except LogError as error:
-        return _refused(task.path, error, task.log_id)
     folder = workspace.path(KIND, task.log_id)
     manifest = Manifest(
         artefact=KIND,
         fingerprint=task.mark,
         inputs={"log": task.sha256},
-        counts=made.counts,
-        left_out=made.left_out,
-        facts={"log_id": task.log_id, "file": task.path.name, "sha256": task.sha256, **made.facts},
-        settings=_tables(signals, settings, plant),
+        settings=request.tables(),
     )
-    with workspace.commit(folder, manifest) as draft:
-        write_parquet(made.samples, draft / samples.SAMPLES)
-        write_parquet(made.quarantine, draft / samples.QUARANTINE)
+    try:
+        with workspace.commit(folder, manifest) as draft:
+            made = ingest_log(task.parts, task.log_id, request, draft, jobs=jobs, progress=progress)
+            manifest.counts, manifest.left_out = made.counts, made.left_out
+            known = {"log_id": task.log_id, "file": task.name, "sha256": task.sha256}
+            manifest.facts = {**known, **made.facts}
+    except LogError as error:
+        return _refused(task.where, error, task.log_id)
     # What other settings made of the same content under another name is superseded: left in place, the next stage
     # would read the log twice.
     for copy in _copies(workspace, task):
         shutil.rmtree(copy)
+    return _done(task, folder, manifest, "ingested", _sentence(made, request))
+
+
+def _sentence(made: IngestedLog, request: Request) -> str:
     counts = made.counts
     text = (
         f"{counts['messages_used']:,} of {counts['messages']:,} messages became {counts['rows']:,} samples of "
         f"{counts['points']} point{'s' * (counts['points'] != 1)} in {counts['segments']:,} "
         f"segment{'s' * (counts['segments'] != 1)}."
     )
+    told = made.facts["findings"]
+    if told["error"] or told["warning"]:
+        text += f" {told['error']} errors and {told['warning']} warnings: see `maglev-offline inspect`."
+    grid_ms = request.settings.grid_ms
     period_ms = min(
-        (topic["period_ms"] for topic in made.facts["topics"].values() if topic["period_ms"]), default=settings.grid_ms
+        (topic["period_ms"] for topic in made.facts["topics"].values() if topic["period_ms"]), default=grid_ms
     )
-    if period_ms < settings.grid_ms / 1.5:
-        text += f" The messages come every {period_ms:g} ms: [ingest] grid_ms = {settings.grid_ms:g} thins them out."
-    return _done(task, folder, manifest, "ingested", text)
+    if period_ms < grid_ms / 1.5:
+        text += f" The messages come every {period_ms:g} ms: [ingest] grid_ms = {grid_ms:g} thins them out."
+    return text
 
 
 def _done(task: _Task, folder: Path, manifest: Manifest, status: Status, text: str) -> LogOutcome:
-    return LogOutcome(
-        task.path,
-        task.log_id,
-        status,
-        dict(manifest.counts),
-        dict(manifest.left_out),
-        f"{task.path.name}: {text}",
-        folder,
-    )
+    counts, left_out = dict(manifest.counts), dict(manifest.left_out)
+    return LogOutcome(task.where, task.log_id, status, counts, left_out, f"{task.name}: {text}", folder)
 
 
-def _refused(path: Path, error: LogError, log_id: str = "") -> LogOutcome:
-    return LogOutcome(path, log_id or path.stem, "refused", {}, {}, error.paragraph(), None)
+def _refused(where: Where, error: InputError, log_id: str = "") -> LogOutcome:
+    return LogOutcome(where, log_id or _name(where).removesuffix(".mcap"), "refused", {}, {}, error.paragraph(), None)
 
 
 def _copies(workspace: Workspace, task: _Task) -> Iterator[Path]:
     """Artefacts of the same content under other names."""
-    for folder in workspace.list(KIND):
-        if folder.name.endswith(f"-{task.sha256[:8]}") and folder.name != task.log_id:
+    for folder in workspace.path(KIND).glob(f"*-{task.sha256[:8]}"):
+        if folder.name != task.log_id:
             try:
                 if Manifest.read(folder).inputs.get("log") == task.sha256:
                     yield folder

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_offline.ingest import checks, clock, segments
+from maglev_offline.ingest import clock, rules, segments
 from maglev_offline.ingest.ledger import Quarantined
+from maglev_offline.ingest.select import Chosen
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.logs.mapping import TopicPlan, to_si
-from maglev_offline.logs.reader import ChannelColumns
-from maglev_offline.logs.signals import SignalMap
+from maglev_offline.logs.columns import ChannelColumns
+from maglev_offline.logs.signals import UNIT_OF_SIGNAL, SignalMap
 
 
 @dataclass(frozen=True)
@@ -48,13 +49,21 @@ def point_in_ledger(points: tuple[str, ...]) -> str:
 
 
 def clean(
-    columns: ChannelColumns, plan: TopicPlan, signal_map: SignalMap, settings: IngestSettings
+    columns: ChannelColumns,
+    plan: TopicPlan,
+    signal_map: SignalMap,
+    settings: IngestSettings,
+    *,
+    index: NDArray[np.int64] | None = None,
+    chosen: Chosen | None = None,
 ) -> tuple[CleanTopic, list[Quarantined]]:
     """Check the messages of a topic, order them by the chosen clock and cut them into stretches.
 
-    Every message of `columns` ends either in the clean topic or in one entry of the ledger.
+    Every message of `columns` ends either in the clean topic or in one entry of the ledger. `index` [n] is the place
+    of each within the topic in file order, by default from 0. `chosen` says which messages the user asked for.
     """
     n = len(columns)
+    place = np.arange(n) if index is None else index
     times = clock.choose(columns, signal_map.clock)
     values: dict[str, NDArray[np.float64]] = {}
     outside: dict[str, NDArray[np.bool_]] = {}
@@ -62,41 +71,51 @@ def clean(
         values[name], outside[name] = to_si(name, signal, columns.values[signal.field])
 
     entries: list[Quarantined] = []
-    index = np.arange(n)
 
     def put_aside(where: NDArray[np.intp], code: str, detail: str | NDArray[np.str_] = "") -> None:
-        point = point_in_ledger(plan.points)
-        entries.append(Quarantined("message", code, times[where], index[where], plan.topic, point, detail))
+        if len(where):
+            point = point_in_ledger(plan.points)
+            entries.append(Quarantined("message", code, times[where], place[where], plan.topic, point, detail))
 
     left = np.ones(n, dtype=np.bool_)
+    if chosen is not None and not chosen.keep.all():
+        put_aside(np.flatnonzero(~chosen.keep), chosen.code, chosen.detail)
+        left = chosen.keep.copy()
     stamp = signal_map.clock_field or ""
     for code, masks in (
-        (checks.NOT_DECODABLE, {"": ~columns.decoded}),
-        (checks.NO_STAMP, {stamp: checks.no_stamp(times)}),
-        (checks.NOT_FINITE, checks.not_finite(values)),
-        (checks.OUT_OF_RANGE, outside),
+        (rules.NOT_DECODABLE, {"": ~columns.decoded}),
+        (rules.NO_STAMP, {stamp: rules.no_stamp(times)}),
+        (rules.NOT_FINITE, rules.not_finite(values)),
+        (rules.OUT_OF_RANGE, outside),
     ):
-        found = np.flatnonzero(left & np.logical_or.reduce([*masks.values(), np.zeros(n, dtype=np.bool_)]))
-        put_aside(found, code, checks.named({name: mask[found] for name, mask in masks.items()}, len(found)))
-        left[found] = False
+        if any(mask.any() for mask in masks.values()):
+            found = np.flatnonzero(left & np.logical_or.reduce(list(masks.values())))
+            put_aside(found, code, rules.named({name: mask[found] for name, mask in masks.items()}, len(found)))
+            left[found] = False
 
     kept = np.flatnonzero(left)
-    epoch = clock.epochs(times[kept], round(settings.reorder_ms * clock.NS_PER_MS))
-    order = clock.time_order(times[kept], epoch)
-    kept, epoch = kept[order], epoch[order]
-    repeated, conflict = checks.same_time(times[kept], epoch, {name: v[kept] for name, v in values.items()})
-    put_aside(kept[repeated], checks.REPEATED)
-    put_aside(kept[conflict], checks.TIME_CONFLICT)
-    kept, epoch = kept[~(repeated | conflict)], epoch[~(repeated | conflict)]
+    epoch = np.zeros(len(kept), dtype=np.int32)
+    if not (np.diff(times[kept]) > 0).all():  # otherwise they are in order already, each time once
+        epoch = clock.epochs(times[kept], round(settings.reorder_ms * clock.NS_PER_MS))
+        order = clock.time_order(times[kept], epoch)
+        kept, epoch = kept[order], epoch[order]
+        repeated, conflict = rules.same_time(times[kept], epoch, {name: v[kept] for name, v in values.items()})
+        put_aside(kept[repeated], rules.REPEATED)
+        put_aside(kept[conflict], rules.TIME_CONFLICT)
+        kept, epoch = kept[~(repeated | conflict)], epoch[~(repeated | conflict)]
 
-    longest_bridge_ns = round(settings.longest_bridge_ms * clock.NS_PER_MS)
-    stretch = segments.stretch_of(times[kept], epoch, longest_bridge_ns)
-    alone = segments.lone(stretch)
-    put_aside(kept[alone], checks.TOO_SHORT, "a single message")
+    only_context = not any(name in UNIT_OF_SIGNAL for name in plan.signals)
+    stretch = segments.stretch_of(times[kept], epoch, settings.bridge_ns(context_only=only_context))
+    alone = np.zeros(len(stretch), dtype=np.bool_) if only_context else segments.lone(stretch)
     resets = int(epoch[-1]) if len(epoch) else 0
-    kept, epoch, stretch = kept[~alone], epoch[~alone], stretch[~alone]
+    if alone.any():
+        put_aside(kept[alone], rules.TOO_SHORT, "a single message")
+        kept, epoch, stretch = kept[~alone], epoch[~alone], stretch[~alone]
 
-    found_stretches = segments.stretches(times[kept], stretch, epoch, columns.file_index[kept])
-    held = {name: v[kept] for name, v in values.items()}
-    topic = CleanTopic(plan.topic, plan.points, times[kept], kept, held, found_stretches, resets)
-    return topic, entries
+    whole = len(kept) == n and bool((kept[1:] > kept[:-1]).all())
+    if not whole:
+        times, place = times[kept], place[kept]
+        values = {name: v[kept] for name, v in values.items()}
+    file_index = columns.file_index if whole else columns.file_index[kept]
+    found_stretches = segments.stretches(times, stretch, epoch, file_index)
+    return CleanTopic(plan.topic, plan.points, times, place, values, found_stretches, resets), entries

@@ -14,14 +14,14 @@ def central_differences(gap_m: NDArray[np.float64], segment: NDArray[np.int64], 
     sample is damped to nothing or has its sign turned: such a velocity is worthless, and the rows say
     `reconstructed` so that nobody takes it for a measured one.
     """
-    n = len(gap_m)
-    follows = np.zeros(n, dtype=np.bool_)
-    follows[1:] = segment[1:] == segment[:-1]
-    leads = np.zeros(n, dtype=np.bool_)
-    leads[:-1] = follows[1:]
-    rows = np.arange(n)
-    ahead, behind = rows + leads, rows - follows
-    span = (ahead - behind) * period_s
-    velocity: NDArray[np.float64] = np.full(n, np.nan)
-    np.divide(gap_m[ahead] - gap_m[behind], span, out=velocity, where=span > 0)
+    velocity: NDArray[np.float64] = np.full(len(gap_m), np.nan)
+    if len(gap_m) < 2:
+        return velocity
+    velocity[1:-1] = (gap_m[2:] - gap_m[:-2]) / (2 * period_s)
+    begins = np.flatnonzero(np.concatenate([[True], segment[1:] != segment[:-1]]))
+    ends = np.append(begins[1:], len(gap_m)) - 1
+    velocity[begins] = velocity[ends] = np.nan
+    begins, ends = begins[ends > begins], ends[ends > begins]
+    velocity[begins] = (gap_m[begins + 1] - gap_m[begins]) / period_s
+    velocity[ends] = (gap_m[ends] - gap_m[ends - 1]) / period_s
     return velocity

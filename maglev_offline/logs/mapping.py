@@ -126,7 +126,8 @@ def to_si(name: str, signal: Signal, raw: NDArray[np.float64]) -> tuple[NDArray[
 
     Returns the values and whether each lies outside the signal's `valid` range (which NaN does not).
     """
-    declared = signal.sign * (raw + signal.offset)
+    declared = raw + signal.offset if signal.offset else raw
+    declared = -declared if signal.sign < 0 else declared
     outside = np.zeros(raw.shape, dtype=np.bool_)
     if signal.valid is not None:
         outside = (declared < signal.valid[0]) | (declared > signal.valid[1])
@@ -134,7 +135,7 @@ def to_si(name: str, signal: Signal, raw: NDArray[np.float64]) -> tuple[NDArray[
     divisor = round(1 / factor)
     # 9 mm / 1000 is the same float64 as 0.009 m in a recipe, and 9 mm * 0.001 is not; a stop is met or missed by that.
     exact = divisor > 1 and abs(divisor * factor - 1) < 1e-12
-    return (declared / divisor if exact else declared * factor), outside
+    return (declared / divisor if exact else declared * factor if factor != 1 else declared), outside
 
 
 def column_of(name: str) -> str:

@@ -1,223 +1,265 @@
-"""The wanted fields of a log's messages as columns.
+"""The wanted fields of a log's messages as columns, decoded many at a time."""
 
-What lies behind `read_columns` may be replaced by a faster way to the same arrays.
-"""
-
-from array import array
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
-from mcap.records import Channel, Message, Schema, Statistics
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
-from maglev_offline.logs.channels import ChannelInfo, LogInfo, list_channels, read_info
-from maglev_offline.logs.decoding import UNDECODABLE, ClockField, Decoder, Decoders, clock_ns, number, value_at
-from maglev_offline.logs.records import walk
+from maglev_offline.logs.chunks import load_span
+from maglev_offline.logs.message_index import counts_of
+from maglev_offline.logs.columns import NO_TIME, ChannelColumns, join
+from maglev_offline.logs.decode.ladder import Columns, Ladder
+from maglev_offline.logs.decode.library import ClockField, Decoders
+from maglev_offline.logs.decode.payloads import Payloads, Wanted
+from maglev_offline.logs.slabs import ROWS, DiskSlab, MemorySlab, Slab, by_topic
+from maglev_offline.logs.source import Source, open_source
+from maglev_offline.logs.scan import read_structure
+from maglev_offline.logs.structure import Damage, MessageTable, Span, Structure
 
-__all__ = [
-    "NO_TIME",
-    "ChannelColumns",
-    "ChannelInfo",
-    "ClockField",
-    "LogColumns",
-    "LogInfo",
-    "list_channels",
-    "read_columns",
-    "read_info",
-]
+RUN_BYTES = 16 * 2**20
+"""Spans are decoded in runs of about so many bytes: the unit of work that is shared among processes."""
 
-NO_TIME = int(np.iinfo(np.int64).min)
-"""In an array of nanoseconds: there is no time here."""
+_UNDECLARED, _UNWANTED = -2, -1
+
+
+class TopicWanted(NamedTuple):
+    """What to read of one topic: dotted paths, and the stamp inside the messages. With neither, only headers."""
+
+    paths: tuple[str, ...]
+    clock: ClockField | None = None
 
 
 @dataclass(frozen=True)
-class ChannelColumns:
-    """The messages of one topic in file order, n of them; every array has shape [n].
+class ReadRun:
+    """What came of a run of spans: slabs in file order, and for each the messages (of any topic) that it spans.
 
-    `file_index` is the place among all messages of the file. `values` holds float64 by dotted path, NaN where the
-    field is missing or no number. `decoded` is False where the payload could not be read at all. `clock_ns` is the
-    time stamp inside the messages, `NO_TIME` where it is missing; None if no clock field was asked for.
+    `counts` are messages found by channel id, wanted or not; `rungs` counts the ways of decoding; `failures` holds
+    the first failure of a topic.
     """
 
-    topic: str
-    log_time_ns: NDArray[np.int64]
-    publish_time_ns: NDArray[np.int64]
-    sequence: NDArray[np.int64]
-    file_index: NDArray[np.int64]
-    values: dict[str, NDArray[np.float64]]
-    decoded: NDArray[np.bool_]
-    clock_ns: NDArray[np.int64] | None = None
-
-    def __len__(self) -> int:
-        return len(self.log_time_ns)
+    slabs: tuple[tuple[Slab, int], ...]
+    counts: dict[int, int]
+    rungs: dict[str, int]
+    failures: dict[str, str]
+    damages: tuple[Damage, ...]
 
 
-@dataclass(frozen=True)
-class LogColumns:
-    """The wanted topics as columns, and how many messages every topic of the file has."""
+def runs(structure: Structure) -> list[tuple[Span, ...]]:
+    """Cut the spans of a file into runs, the same ones whoever decodes them."""
+    found: list[list[Span]] = []
+    size = RUN_BYTES
+    for span in structure.spans:
+        if size >= RUN_BYTES:
+            found.append([])
+            size = 0
+        found[-1].append(span)
+        size += span.length
+    return [tuple(run) for run in found]
 
-    topics: dict[str, ChannelColumns]
-    message_counts: dict[str, int]
 
-
-def read_columns(
-    path: Path, wanted: Mapping[str, Sequence[str]], clocks: Mapping[str, ClockField] | None = None
-) -> LogColumns:
-    """Decode the wanted dotted paths of the wanted topics in one pass over the file.
-
-    Parameters
-    ----------
-    wanted: for each topic its paths; with no paths the messages are listed but not decoded. Channels that share a
-        topic are merged in file order. A path that names a time gives seconds.
-    clocks: for a topic the time stamp inside its messages, read into integer nanoseconds.
+def read_run(
+    source: Source,
+    structure: Structure,
+    spans: Sequence[Span],
+    wanted: Mapping[str, TopicWanted],
+    *,
+    spill_to: Path | None = None,
+) -> ReadRun:
+    """Decode a run of spans; with `spill_to` its slabs are written to that file, otherwise they stay in memory.
 
     Raises
     ------
-    LogError: the file is damaged (see `walk`), a wanted topic has an encoding that cannot be decoded, or not one
-        message of it could be; or the file holds more or fewer messages than it says.
+    LogError: a wanted topic has an encoding or a schema that cannot be read.
+    """
+    groups = _Groups(source.name, structure, wanted)
+    slabs: list[tuple[Slab, int]] = []
+    counts: Counter[int] = Counter()
+    damages: list[Damage] = []
+    first = total = waiting = 0
+    file: BinaryIO | None = spill_to.open("wb") if spill_to is not None else None
+    try:
+        for number, span in enumerate(spans):
+            loaded = load_span(source, span, structure.channels)
+            damages += loaded.damages
+            in_span = counts_of(loaded.messages.channel_id)
+            counts.update(in_span)
+            waiting += groups.add(loaded.data, loaded.messages, in_span, total - first)
+            total += len(loaded.messages)
+            if waiting >= ROWS or number == len(spans) - 1:
+                slab = groups.slab()
+                slabs.append((slab if file is None else slab.spill(file), total - first))
+                first, waiting = total, 0
+    finally:
+        if file is not None:
+            file.close()
+    return ReadRun(tuple(slabs), dict(counts), groups.rungs(), groups.failures(), tuple(damages))
+
+
+def read_columns(
+    path: Path | str, wanted: Mapping[str, Sequence[str]], clocks: Mapping[str, ClockField] | None = None
+) -> dict[str, ChannelColumns]:
+    """Decode the wanted dotted paths of the wanted topics of a log that fits into memory.
+
+    `wanted`: for each topic its paths; with no paths the messages are listed but not decoded. Channels that share a
+    topic are merged in file order. A path that names a time gives seconds. `clocks`: for a topic the time stamp
+    inside its messages. What is damaged is left out.
+
+    Raises
+    ------
+    LogError: no MCAP file, or a wanted topic has an encoding or a schema that cannot be read.
     """
     clocks = clocks or {}
-    decoders = Decoders()
-    columns = {topic: _Columns(topic, tuple(paths), clocks.get(topic)) for topic, paths in wanted.items()}
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    takers: dict[int, tuple[_Columns, Decoder | None] | None] = {}
-    counts: Counter[int] = Counter()
-    claimed: int | None = None
-    file_index = 0
-    for record in walk(path):
-        if isinstance(record, Message):
-            channel_id = record.channel_id
-            counts[channel_id] += 1
-            if channel_id not in takers:
-                takers[channel_id] = _taker(path, columns, channels, schemas, channel_id, decoders)
-            taker = takers[channel_id]
-            if taker is not None:
-                taker[0].add(record, file_index, taker[1])
-            file_index += 1
-        elif isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Statistics):
-            claimed = record.message_count
-    if claimed is not None and claimed != file_index:
-        raise LogError(
-            f"the log is damaged: it says that it holds {claimed:,} messages, and {file_index:,} were found.",
-            where=str(path),
-            todo="Nothing of it was used. Copy it again, or write a whole file with `mcap recover`.",
-        )
-    by_topic: Counter[str] = Counter()
-    for channel_id, channel in channels.items():
-        by_topic[channel.topic] += counts[channel_id]
-    return LogColumns(
-        {topic: column.finish(path) for topic, column in columns.items()},
-        {topic: n for topic, n in sorted(by_topic.items()) if n},
-    )
+    asked = {topic: TopicWanted(tuple(paths), clocks.get(topic)) for topic, paths in wanted.items()}
+    with open_source(path) as source:
+        structure = read_structure(source)
+        slabs = [pair for spans in runs(structure) for pair in read_run(source, structure, spans, asked).slabs]
+    return {topic: topic_columns(slabs, topic, asked[topic]) for topic in wanted}
 
 
-def _taker(
-    path: Path,
-    columns: Mapping[str, "_Columns"],
-    channels: Mapping[int, Channel],
-    schemas: Mapping[int, Schema],
-    channel_id: int,
-    decoders: Decoders,
-) -> "tuple[_Columns, Decoder | None] | None":
-    channel = channels.get(channel_id)
-    if channel is None:
-        raise LogError(
-            f"the log is damaged: there are messages of channel {channel_id}, which is declared nowhere before them.",
-            where=str(path),
-            todo="Write a whole file with `mcap recover`, and use that.",
-        )
-    column = columns.get(channel.topic)
-    if column is None:
-        return None
-    if not column.needs_decoding:
-        return column, None
-    schema = schemas.get(channel.schema_id)
-    try:
-        decoder = decoders.of(channel, schema)
-    except ValueError as error:
-        raise LogError(
-            f"the schema {schema.name if schema else ''!r} of topic {channel.topic} cannot be read ({error}).",
-            where=str(path),
-            todo="Record the log again with whole message definitions.",
-        ) from None
-    if decoder is None:
-        spoken = f"{channel.message_encoding!r} with schema encoding {schema.encoding if schema else ''!r}"
-        raise LogError(
-            f"the messages of topic {channel.topic} are encoded as {spoken}, which cannot be decoded.",
-            where=str(path),
-            todo="Encodings that can be: json, cdr with ros2msg, protobuf.",
-        )
-    return column, decoder
+def topic_columns(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWanted, first: int = 0) -> ChannelColumns:
+    """All messages of a topic in consecutive slabs, the first of which begins at the file index `first`."""
+    parts = [_empty(topic, wanted)]
+    for slab, spanned in slabs:
+        part = slab.columns(topic, first)
+        if part is not None:
+            parts.append(part)
+        first += spanned
+    return join(parts[1:] or parts)
 
 
-class _Columns:
-    """Growing columns of one topic."""
+def _empty(topic: str, wanted: TopicWanted) -> ChannelColumns:
+    none = np.empty(0, dtype=np.int64)
+    values = {path: np.empty(0) for path in wanted.paths}
+    return ChannelColumns(topic, none, none, none, none, values, np.empty(0, bool), none if wanted.clock else None)
 
-    def __init__(self, topic: str, paths: tuple[str, ...], clock: ClockField | None) -> None:
-        self.topic, self.paths, self.clock = topic, paths, clock
-        self.needs_decoding = bool(paths) or clock is not None
-        self._parts = [tuple(path.split(".")) for path in paths]
-        self._clock_parts = tuple(clock.path.split(".")) if clock else ()
-        self._header = [array("Q"), array("Q"), array("Q"), array("Q")]
-        self._values = [array("d") for _ in paths]
-        self._decoded = array("b")
-        self._clock = array("q")
-        self._first_failure: BaseException | None = None
 
-    def add(self, message: Message, file_index: int, decoder: Decoder | None) -> None:
-        seen = (message.log_time, message.publish_time, message.sequence, file_index)
-        for column, value in zip(self._header, seen, strict=True):
-            column.append(value)
-        if decoder is None:
-            self._decoded.append(1)
-            return
-        content: Any = None
+@dataclass
+class _Group:
+    """Topics that share a schema and what is wanted of it, and the rows of theirs that wait for their slab."""
+
+    wanted: TopicWanted
+    ladder: Ladder | None
+    topics: list[str] = field(default_factory=list)
+    rows: list[tuple[NDArray[np.uint16], ChannelColumns]] = field(default_factory=list)
+
+
+class _Groups:
+    """Sorts messages by what has to be done with them."""
+
+    def __init__(self, where: str, structure: Structure, wanted: Mapping[str, TopicWanted]) -> None:
+        self._where = where
+        self._decoders = Decoders()
+        self._groups: list[_Group] = []
+        self._keys: dict[tuple[object, ...], int] = {}
+        self._group_of = np.full(2**16, _UNDECLARED, dtype=np.int32)
+        self._topic_of = np.zeros(2**16, dtype=np.uint16)
+        for channel_id, channel in sorted(structure.channels.items()):
+            self._group_of[channel_id] = _UNWANTED
+            if channel.topic in wanted:
+                schema = structure.schemas.get(channel.schema_id)
+                self._enter(channel_id, channel, schema, wanted[channel.topic])
+
+    def _enter(self, channel_id: int, channel: Channel, schema: Schema | None, wanted: TopicWanted) -> None:
+        key = (channel.message_encoding, channel.schema_id, wanted)
+        if key not in self._keys:
+            self._keys[key] = len(self._groups)
+            self._groups.append(_Group(wanted, self._ladder(channel, schema, wanted)))
+        group = self._groups[self._keys[key]]
+        if channel.topic not in group.topics:
+            group.topics.append(channel.topic)
+        self._group_of[channel_id] = self._keys[key]
+        self._topic_of[channel_id] = group.topics.index(channel.topic)
+
+    def _ladder(self, channel: Channel, schema: Schema | None, wanted: TopicWanted) -> Ladder | None:
+        if not wanted.paths and wanted.clock is None:
+            return None
+        paths = tuple(tuple(path.split(".")) for path in wanted.paths)
         try:
-            content = decoder(message.data)
-            self._decoded.append(1)
-        except UNDECODABLE as error:
-            self._first_failure = self._first_failure or error
-            self._decoded.append(0)
-        for values, parts in zip(self._values, self._parts, strict=True):
-            values.append(number(value_at(content, parts)))
-        if self.clock is not None:
-            stamp = clock_ns(value_at(content, self._clock_parts), self.clock.ns_per_unit)
-            self._clock.append(NO_TIME if stamp is None else stamp)
+            return Ladder(channel, schema, Wanted(paths, wanted.clock), self._decoders)
+        except ValueError as error:
+            raise LogError(
+                f"the messages of topic {channel.topic} cannot be decoded: {error}.",
+                where=self._where,
+                todo="Encodings that can be: json, cdr with ros2msg, ros1 with ros1msg, protobuf. If it is one of these, "
+                "the schema is damaged: record the log again with whole message definitions.",
+            ) from None
 
-    def finish(self, path: Path) -> ChannelColumns:
-        header = [np.frombuffer(column, dtype=np.uint64) for column in self._header]
-        if any(len(column) and column.max() >= 2**63 for column in header):
-            raise LogError(
-                f"topic {self.topic} has log or publish times after the year 2262.",
-                where=str(path),
-                todo="MCAP times are nanoseconds since 1970: write the log again with its times mended.",
+    def add(self, data: NDArray[np.uint8], messages: MessageTable, counts: Mapping[int, int], first: int) -> int:
+        """Decode the messages of one span, `counts` of which each channel has; `first` is the index of its first one.
+
+        Returns how many rows were added.
+        """
+        present = {int(self._group_of[channel]) for channel in counts}
+        added = 0
+        for number in sorted(present - {_UNDECLARED, _UNWANTED}):
+            group = self._groups[number]
+            whole = len(present) == 1
+            rows = np.arange(len(messages))
+            if not whole:
+                rows = np.flatnonzero(self._group_of[messages.channel_id] == number)
+            start, length = (x if whole else x[rows] for x in (messages.start, messages.length))
+            columns = (
+                group.ladder.decode(Payloads(data, start, length))
+                if group.ladder is not None
+                else Columns(np.empty((0, len(rows))), None, np.ones(len(rows), dtype=np.bool_))
             )
-        decoded = np.frombuffer(self._decoded, dtype=np.int8).astype(np.bool_)
-        if self._first_failure is not None and not decoded.any():
-            raise LogError(
-                f"not one of the {len(decoded):,} messages of topic {self.topic} can be decoded "
-                f"({type(self._first_failure).__name__}: {self._first_failure}).",
-                where=str(path),
-                todo="The schema does not fit the messages: record the log again.",
+            which: slice | NDArray[np.intp] = slice(None) if whole else rows
+            group.rows.append(
+                (
+                    self._topic_of[messages.channel_id[which]],
+                    ChannelColumns(
+                        topic="",
+                        log_time_ns=_signed(messages.log_time_ns[which]),
+                        publish_time_ns=_signed(messages.publish_time_ns[which]),
+                        sequence=messages.sequence[which].astype(np.int64),
+                        file_index=rows + first,
+                        values=dict(zip(group.wanted.paths, columns.values, strict=True)),
+                        decoded=columns.decoded,
+                        clock_ns=columns.stamp_ns,
+                    ),
+                )
             )
-        log_time, publish_time, sequence, file_index = (column.astype(np.int64) for column in header)
-        return ChannelColumns(
-            topic=self.topic,
-            log_time_ns=log_time,
-            publish_time_ns=publish_time,
-            sequence=sequence,
-            file_index=file_index,
-            values={p: np.frombuffer(v, dtype=np.float64) for p, v in zip(self.paths, self._values, strict=True)},
-            decoded=decoded,
-            clock_ns=np.frombuffer(self._clock, dtype=np.int64) if self.clock is not None else None,
-        )
+            added += len(rows)
+        return added
+
+    def slab(self) -> MemorySlab:
+        """The rows that wait, sorted by topic."""
+        topics: dict[str, ChannelColumns] = {}
+        for group in self._groups:
+            if group.rows:
+                topic_of_row = np.concatenate([topic for topic, _ in group.rows])
+                made = by_topic(join([columns for _, columns in group.rows]), topic_of_row, group.topics).topics
+                for topic, columns in made.items():
+                    # Channels of one topic with different schemas meet here; their messages keep the file's order.
+                    if topic in topics:
+                        both = join([topics[topic], columns])
+                        topics[topic] = both.take(np.argsort(both.file_index, kind="stable"))
+                    else:
+                        topics[topic] = columns
+                group.rows.clear()
+        return MemorySlab(topics)
+
+    def rungs(self) -> dict[str, int]:
+        """How many messages each way of decoding has read."""
+        total: Counter[str] = Counter()
+        for group in self._groups:
+            if group.ladder is not None:
+                total.update(group.ladder.rungs)
+        return dict(total)
+
+    def failures(self) -> dict[str, str]:
+        """The first failure to decode a message of each group, by the group's first topic."""
+        return {g.topics[0]: g.ladder.first_failure for g in self._groups if g.ladder and g.ladder.first_failure}
+
+
+def _signed(times: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Times after the year 2262 do not fit: they become `NO_TIME`."""
+    signed = times.astype(np.int64)
+    late = signed < 0
+    return np.where(late, NO_TIME, signed) if late.any() else signed

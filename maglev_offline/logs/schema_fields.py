@@ -31,12 +31,14 @@ NOTHING = DeclaredFields((), ())
 def declared_fields(schema_encoding: str, schema_name: str, data: bytes) -> DeclaredFields:
     """Read a schema; one that cannot be read declares nothing.
 
-    `schema_encoding` is `ros2msg`, `jsonschema` or `protobuf`; every other declares nothing.
+    `schema_encoding` is `ros2msg`, `ros1msg`, `jsonschema` or `protobuf`; every other declares nothing.
     """
     try:
         match schema_encoding:
             case "ros2msg":
                 leaves = _ros2_leaves(schema_name, data.decode())
+            case "ros1msg":
+                leaves = _ros1_leaves(schema_name, data.decode())
             case "jsonschema":
                 leaves = _json_schema_leaves(json.loads(data or b"{}"))
             case "protobuf":
@@ -85,9 +87,18 @@ _ROS2_NUMBERS = frozenset(
 )
 
 
+def _ros1_leaves(name: str, text: str) -> Iterator[str]:
+    """In ROS 1 the times are primitives, whose parts have names of their own."""
+    return _ros_leaves(name, text, ("time", "duration"), [("uint32", "secs"), ("uint32", "nsecs")])
+
+
 def _ros2_leaves(name: str, text: str) -> Iterator[str]:
-    definitions = {"builtin_interfaces/Time": [("int32", "sec"), ("uint32", "nanosec")]}
-    definitions["builtin_interfaces/Duration"] = definitions["builtin_interfaces/Time"]
+    times = ("builtin_interfaces/Time", "builtin_interfaces/Duration")
+    return _ros_leaves(name, text, times, [("int32", "sec"), ("uint32", "nanosec")])
+
+
+def _ros_leaves(name: str, text: str, times: tuple[str, ...], parts: list[tuple[str, str]]) -> Iterator[str]:
+    definitions = dict.fromkeys(times, parts)
     current = _ros2_short(name)
     definitions[current] = []
     for raw in text.splitlines():
@@ -122,6 +133,8 @@ def _ros2_walk(definitions: dict[str, list[tuple[str, str]]], name: str, parent:
         for path in paths:
             if base in _ROS2_NUMBERS:
                 yield path
+            elif base in definitions:
+                yield from _ros2_walk(definitions, base, path, depth + 1)
             elif "/" in base:
                 yield from _ros2_walk(definitions, _ros2_short(base), path, depth + 1)
             elif base[:1].isupper():

@@ -8,8 +8,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from maglev_offline import __version__
+from maglev_offline.logs.surrogate_defect_settings import PlantedDefects
+from maglev_offline.logs.surrogate_defects import resistance_factor
 from maglev_offline.logs.surrogate_plant import RunTruth, load_kg, simulate_log
-from maglev_offline.logs.surrogate_recorder import MS, STATE_MESSAGE, Defects, record, topic_of
+from maglev_offline.logs.surrogate_record import MS
+from maglev_offline.logs.surrogate_recorder import STATE_MESSAGE, Defects, record, topic_of
 from maglev_offline.logs.surrogate_settings import ControllerKind, SurrogateSettings
 from maglev_offline.logs.writer import Encoding, write_log
 from maglev_offline.mdp import Mdp
@@ -56,7 +59,7 @@ def generate(
     with progress.task("surrogate logs", settings.logs, "logs") as tick:
         for log in range(settings.logs):
             controller, encoding = kinds_of(settings, log)
-            truths = simulate_log(plant, mdp, settings, log, controller)
+            truths = simulate_log(_as_built(plant, settings, log), mdp, settings, log, controller)
             load = load_kg(plant, settings, log)
             messages, defects = record(truths, settings, log, load, epoch_ns(log))
             path = output / f"{log_name(settings, log)}.mcap"
@@ -77,15 +80,23 @@ def generate(
     return paths
 
 
+def _as_built(plant: Plant, settings: SurrogateSettings, log: int) -> Plant:
+    """The plant that drives in a log; the metadata tell of the declared one."""
+    factor = resistance_factor(settings.defects, log)
+    return plant if factor == 1 else plant.model_copy(update={"resistance_ohm": factor * plant.resistance_ohm})
+
+
 def _metadata(plant: Plant, mdp: Mdp, settings: SurrogateSettings, log: int) -> dict[str, str]:
     controller, _ = kinds_of(settings, log)
+    # Without defects the record is what it was before there were any to plant, byte for byte.
+    unused = {"defects"} if settings.defects == PlantedDefects() else None
     return {
         "simulated": "true",
         "note": "These are simulated data, made by maglev-offline; they are no recording of any real vehicle.",
         "seed": str(settings.seed),
         "log": str(log),
         "controller": controller,
-        "settings": settings.model_dump_json(),
+        "settings": settings.model_dump_json(exclude=unused),
         "plant": plant.model_dump_json(),
         "voltage_limit_v": repr(mdp.voltage_limit_v),
         "start_gap_m": json.dumps(mdp.start_gap_m),

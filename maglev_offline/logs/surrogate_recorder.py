@@ -1,12 +1,14 @@
 """The recorder of the surrogate logs: noisy sensors, jittered stamps, and faults planted at known places."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_offline.logs.surrogate_defects import places, plant_in_messages, plant_in_stamps
 from maglev_offline.logs.surrogate_plant import RunTruth
+from maglev_offline.logs.surrogate_record import MS, Record
 from maglev_offline.logs.surrogate_settings import SurrogateSettings
 from maglev_offline.logs.writer import Messages, MessageType
 from maglev_offline.streams import stream
@@ -28,13 +30,14 @@ STATE_MESSAGE = MessageType(
     },
 )
 
-MS = 1_000_000
-"""Nanoseconds in a millisecond."""
-
 
 @dataclass
 class Defects:
-    """What was planted, in the log's own stamps: messages by topic and sequence, stretches by true time."""
+    """What was planted, in the log's own stamps: messages by topic and sequence, stretches by true time.
+
+    `planted`: those of `[surrogate.defects]`, each with its settings and places. They are planted after the recorder's
+    faults, which are told as they were before: a seam or a changed clock moves them.
+    """
 
     late: list[dict[str, Any]] = field(default_factory=list)
     dropped: list[dict[str, Any]] = field(default_factory=list)
@@ -42,6 +45,7 @@ class Defects:
     holes: list[dict[str, Any]] = field(default_factory=list)
     clock_reset: dict[str, Any] | None = None
     runs: list[dict[str, Any]] = field(default_factory=list)
+    planted: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,22 @@ def record(
         np.concatenate([getattr(b, name) for b in batches]) for name in ("taken_ns", "arrived_ns", "sequence")
     )
     values = np.concatenate([b.values for b in batches])
-    order = np.lexsort((topic, arrived))
-    stamped = (reset.stamp(arrived)[order], reset.stamp(taken)[order])
-    return Messages(topic[order], *stamped, sequence[order], values[order]), defects
+    columns = {name: k for k, name in enumerate(STATE_MESSAGE.units)}
+    made = Record(topic, arrived, taken, sequence, values, np.arange(len(topic)), columns).in_order()
+    made = _plant_defects(made, settings, log, epoch_ns, reset, defects)
+    return Messages(made.topic, made.arrived_ns, made.taken_ns, made.sequence, made.values), defects
+
+
+def _plant_defects(
+    record: Record, settings: SurrogateSettings, log: int, epoch_ns: int, clock: "_Clock", defects: Defects
+) -> Record:
+    """Plant the defects of `[surrogate.defects]`, give the messages the log's stamps, and write down the places."""
+    record, in_messages = plant_in_messages(record, settings.defects, settings.seed, log, epoch_ns)
+    stamped = replace(record, arrived_ns=clock.stamp(record.arrived_ns), taken_ns=clock.stamp(record.taken_ns))
+    stamped, in_stamps = plant_in_stamps(record, stamped, settings.defects, log, epoch_ns)
+    topics = [topic_of(point) for point in range(settings.points)]
+    defects.planted = places(in_messages + in_stamps, stamped, topics)
+    return stamped
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from maglev_offline.control.pid import CascadeGains, PidGains
+from maglev_offline.logs.surrogate_defect_settings import PlantedDefects
 from maglev_offline.logs.writer import ENCODINGS, Encoding
 from maglev_offline.settings import Settings
 
@@ -53,6 +54,7 @@ class SurrogateSettings(Settings):
     rest at a gap drawn from the decision process's starts, or on the lower stop without current
     (`from_stop_share`), and may see a step of the set-point. The vehicle drives for a part of each run.
     `controllers` and `encodings` cycle over the logs. The load differs from log to log.
+    `defects` plants more than the recorder's faults; by default nothing.
     """
 
     logs: int = Field(default=3, ge=1)
@@ -77,6 +79,7 @@ class SurrogateSettings(Settings):
     cascade: CascadeGains = CascadeGains()
     sensors: SensorNoise = SensorNoise()
     recorder: RecorderFaults = RecorderFaults()
+    defects: PlantedDefects = PlantedDefects()
 
     @model_validator(mode="after")
     def _ranges_ascend(self) -> "SurrogateSettings":

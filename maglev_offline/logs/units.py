@@ -11,6 +11,7 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
+@cache
 def dimension_of(unit: str) -> str:
     """Return the dimension of `unit` in words; ValueError if pint does not know it."""
     try:
@@ -19,6 +20,7 @@ def dimension_of(unit: str) -> str:
         raise ValueError(f"{unit!r} is no unit that is known") from None
 
 
+@cache
 def to_si_factor(unit: str, si_unit: str) -> float:
     """Return the number that turns a value in `unit` into `si_unit`; ValueError if they measure different things."""
     dimension_of(unit)

@@ -1,10 +1,14 @@
 import importlib.util
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
+from maglev_offline.ingest.log import ingest_log
+from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.workspace import Workspace
@@ -67,3 +71,17 @@ def write_log(mcap_files):
         return mcap_files.write(path, [*messages, *extra], **options)
 
     return write
+
+
+@pytest.fixture(scope="session")
+def ingest_path(tmp_path_factory):
+    """Ingest logs by their path; gives the two tables beside what `ingest_log` gives."""
+
+    def run(path, *, signals=None, settings=None, plant=None, log_id="a", jobs=1, **tables):
+        request = Request(signals, settings or IngestSettings(), plant or Plant(), **tables)
+        out = tmp_path_factory.mktemp("ingested")
+        made = ingest_log(path, log_id, request, out, jobs=jobs)
+        written = {name: pq.read_table(out / f"{name}.parquet") for name in ("samples", "quarantine")}
+        return SimpleNamespace(**vars(made), **written, folder=out)
+
+    return run

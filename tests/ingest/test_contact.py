@@ -45,6 +45,16 @@ def test_contact_rows_that_stay_are_the_last_of_their_segment(rows):
 
 
 def test_a_bounce_between_two_instants_counts_for_the_later_one():
-    grid = np.array([0, 100, 200])
-    rows = touched_rows(grid, np.zeros(3, bool), np.array([0, 50, 150, 199]), mask("..x."))
+    # Messages at 0, 50, 150 and 199, rows at 0, 100 and 200.
+    rows = touched_rows(np.zeros(3, bool), mask("..x."), through=np.array([1, 2, 4]), begins=np.array([0]))
     assert rows.tolist() == [False, False, True]
+
+
+def test_a_bounce_between_two_stretches_counts_for_none():
+    rows = touched_rows(mask("...x"), mask("..x.."), through=np.array([1, 2, 4, 5]), begins=np.array([0, 2]))
+    assert rows.tolist() == [False, False, False, True]
+
+
+def test_a_message_on_the_instant_is_that_row_and_not_the_next():
+    rows = touched_rows(mask(".x."), mask(".x."), through=np.array([1, 2, 3]), begins=np.array([0]))
+    assert rows.tolist() == [False, True, False]

@@ -4,6 +4,7 @@ import pytest
 
 from maglev_offline.errors import LogError
 from maglev_offline.ingest.inspect import inspect_log
+from maglev_offline.ingest.request import Request
 
 
 def test_a_log_at_a_glance(tmp_path, write_log, mcap_files):
@@ -11,7 +12,7 @@ def test_a_log_at_a_glance(tmp_path, write_log, mcap_files):
     path = write_log(
         tmp_path / "a.mcap", [0, 10, 20, 60, 50], extra=extra, compression="lz4", metadata={"x": {"simulated": "true"}}
     )
-    summary = inspect_log(path)
+    summary = inspect_log(path, Request()).summary
     assert summary.file == "a.mcap"
     assert summary.size_bytes == path.stat().st_size
     assert summary.simulated
@@ -28,7 +29,7 @@ def test_a_log_at_a_glance(tmp_path, write_log, mcap_files):
 
 
 def test_a_log_whose_signals_cannot_be_found_is_shown_all_the_same(levitador):
-    summary = inspect_log(levitador / "constant_ros2.mcap")
+    summary = inspect_log(levitador / "constant_ros2.mcap", Request()).summary
     assert summary.signals is None
     assert "[signals]" in summary.why_no_signals
     assert summary.channels[0].period_ms == 10.0
@@ -37,4 +38,4 @@ def test_a_log_whose_signals_cannot_be_found_is_shown_all_the_same(levitador):
 def test_a_damaged_log_is_refused(tmp_path):
     (tmp_path / "a.mcap").write_bytes(b"no")
     with pytest.raises(LogError, match="not an MCAP file"):
-        inspect_log(tmp_path / "a.mcap")
+        inspect_log(tmp_path / "a.mcap", Request())

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maglev_offline.errors import LogError
-from maglev_offline.ingest.log import ingest_log
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.logs.signals import SignalMap
 from maglev_offline.physics.parameters import Plant
@@ -21,12 +20,12 @@ def value(gap_mm=8.0, current=20.0, voltage=24.0, **more):
 
 
 @pytest.fixture
-def ingest(tmp_path, write_log, plant, grid_10):
+def ingest(tmp_path, write_log, plant, grid_10, ingest_path):
     """Write a log and ingest it; returns samples and quarantine as data frames and the whole result."""
 
     def run(t_ms, gap_mm=None, *, signals=None, using=grid_10, of=plant, **options):
         path = write_log(tmp_path / "a.mcap", t_ms, gap_mm, **options)
-        made = ingest_log(path, "a-1", signals=signals, settings=using, plant=of)
+        made = ingest_path(path, log_id="a-1", signals=signals, settings=using, plant=of)
         return made.samples.to_pandas(), made.quarantine.to_pandas(), made
 
     return run
@@ -236,7 +235,7 @@ class TestDefects:
         samples, quarantine, _ = ingest(REGULAR, gap)
         assert quarantine["code"].value_counts().to_dict() == {"contact": 4, "lone_sample": 1}
 
-    def test_a_payload_that_cannot_be_decoded(self, tmp_path, plant, grid_10):
+    def test_a_payload_that_cannot_be_decoded(self, tmp_path, plant, grid_10, ingest_path):
         from mcap.writer import Writer
 
         path = tmp_path / "a.mcap"
@@ -248,7 +247,7 @@ class TestDefects:
                 payload = b'{"gap_mm": 8, "current_a": 1, "voltage_v": 2}' if k != 5 else b'{"gap_mm": '
                 writer.add_message(channel, T0 + k * 10 * MS, payload, T0 + k * 10 * MS)
             writer.finish()
-        made = ingest_log(path, "a", signals=None, settings=grid_10, plant=plant)
+        made = ingest_path(path, signals=None, settings=grid_10, plant=plant)
         assert made.left_out == {"not_decodable": 1}
 
 
@@ -288,14 +287,14 @@ class TestTopics:
         # Of the gap, 100 ... 300 ms were needed: the messages about both ends of the overlap are used as well.
         assert found_at(quarantine, "no_partner") == [*range(10), *range(31, 50)]
 
-    def test_after_a_reset_the_topics_meet_again(self, tmp_path, mcap_files, plant, grid_10):
+    def test_after_a_reset_the_topics_meet_again(self, tmp_path, mcap_files, plant, grid_10, ingest_path):
         messages = []
         for _ in range(2):
             for t in range(1000, 1200, 10):
                 messages.append(mcap_files.Msg("/gap/F1", T0 + t * MS, {"gap_mm": 8.0}))
                 messages.append(mcap_files.Msg("/coil/F1", T0 + t * MS, {"i": 1.0, "u": 1.0}))
         path = mcap_files.write(tmp_path / "a.mcap", messages)
-        made = ingest_log(path, "a", signals=self.two_topics(), settings=grid_10, plant=plant)
+        made = ingest_path(path, signals=self.two_topics(), settings=grid_10, plant=plant)
         assert made.samples.to_pandas().groupby("segment").size().tolist() == [20, 20]
         assert made.left_out == {}
 
@@ -312,17 +311,19 @@ class TestTopics:
         extra = [mcap_files.Msg("/suspension/F2/state", T0 + t * MS, value()) for t in REGULAR]
         extra += [mcap_files.Msg("/vehicle", T0 + t * MS, {"v": float(t)}) for t in range(0, 300, 20)]
         samples, quarantine, made = ingest(REGULAR, extra=extra, signals=signals)
-        assert samples.groupby("point").size().tolist() == [29, 29]
+        assert samples.groupby("point").size().tolist() == [50, 50]
         np.testing.assert_allclose(samples["speed_m_s"][:29], np.arange(0, 290, 10))
+        assert samples["speed_m_s"][29:50].isna().all()
         assert made.counts["messages"] == 115
-        assert quarantine["code"].value_counts().to_dict() == {"no_partner": 42}
+        assert made.counts["messages_used"] == 115
+        assert len(quarantine) == 0
 
 
 class TestRefusal:
-    def test_no_message_at_all(self, tmp_path, mcap_files, plant, grid_10):
+    def test_no_message_at_all(self, tmp_path, mcap_files, plant, grid_10, ingest_path):
         path = mcap_files.write(tmp_path / "a.mcap", [])
         with pytest.raises(LogError, match="the log holds no messages"):
-            ingest_log(path, "a", signals=None, settings=grid_10, plant=plant)
+            ingest_path(path, signals=None, settings=grid_10, plant=plant)
 
     @pytest.mark.parametrize("t_ms", [[0], [0, 10, 1000][:1], [1, 2, 3], [5, 12]])
     def test_fewer_than_two_samples(self, ingest, t_ms):
@@ -347,17 +348,17 @@ class TestRefusal:
 )
 @settings(max_examples=80, deadline=None)
 def test_whatever_comes_every_message_and_every_row_is_accounted_for(
-    tmp_path_factory, write_log, plant, steps, gaps, grid_ms, seed
+    tmp_path_factory, write_log, plant, steps, gaps, grid_ms, seed, ingest_path
 ):
     path = tmp_path_factory.mktemp("any") / "a.mcap"
     t_ms = np.cumsum(steps) + 10_000
     write_log(path, t_ms, gaps[: len(steps)], chunk_size=500)
     using = IngestSettings(grid_ms=grid_ms, longest_bridge_ms=1 + seed % 200, reorder_ms=seed % 90)
     try:
-        made = ingest_log(path, "a", signals=None, settings=using, plant=plant)
+        made = ingest_path(path, signals=None, settings=using, plant=plant)
     except LogError:
         with pytest.raises(LogError, match="fewer than two usable samples"):
-            ingest_log(path, "a", signals=None, settings=using, plant=plant)
+            ingest_path(path, signals=None, settings=using, plant=plant)
         return
     samples, quarantine = made.samples.to_pandas(), made.quarantine.to_pandas()
     messages = quarantine[quarantine["level"] == "message"]
@@ -378,7 +379,7 @@ def test_whatever_comes_every_message_and_every_row_is_accounted_for(
 @pytest.mark.parametrize(
     ("name", "rows"), [("step_json", 2989), ("multistep_json", 3487), ("constant_ros2", 2989), ("sine_protobuf", 2884)]
 )
-def test_recorded_logs(levitador, name, rows):
+def test_recorded_logs(levitador, name, rows, ingest_path):
     signals = SignalMap.model_validate(
         {
             "topic": "/levitator/state",
@@ -389,9 +390,7 @@ def test_recorded_logs(levitador, name, rows):
         }
     )
     ball = Plant(mass_kg=0.018, resistance_ohm=2.72, set_point_m=0.005, gap_min_m=0.0005, gap_max_m=0.0195)
-    made = ingest_log(
-        levitador / f"{name}.mcap", name, signals=signals, settings=IngestSettings(grid_ms=10), plant=ball
-    )
+    made = ingest_path(levitador / f"{name}.mcap", signals=signals, settings=IngestSettings(grid_ms=10), plant=ball)
     samples = made.samples.to_pandas()
     assert made.counts["messages_used"] == rows == made.counts["grid_rows"]
     assert len(samples) + made.left_out.get("contact", 0) + made.left_out.get("lone_sample", 0) == rows

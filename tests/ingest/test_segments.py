@@ -1,6 +1,10 @@
-import numpy as np
+from itertools import product
 
-from maglev_offline.ingest.segments import in_common, lone, stretch_of, stretches
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from maglev_offline.ingest.segments import eras_of, in_common, lone, stretch_of, stretches
 
 
 def stretches_of(times, bridge=25, epoch=None, file_index=None):
@@ -70,3 +74,46 @@ def test_topics_written_one_after_the_other_meet_as_well():
     a = stretches_of([0, 10, 0, 10], epoch=[0, 0, 1, 1], file_index=[0, 1, 2, 3])
     b = stretches_of([0, 10, 0, 10], epoch=[0, 0, 1, 1], file_index=[4, 5, 6, 7])
     assert in_common([a, b]).parts.tolist() == [[0, 0], [1, 1]]
+
+
+def test_a_step_over_all_of_time_is_a_hole():
+    ends = np.array([-(2**62) - 2**61, 2**62 + 2**61])
+    assert stretch_of(ends, np.zeros(2, np.int32), 25).tolist() == [0, 1]
+
+
+some_epochs = st.lists(st.lists(st.integers(1, 60), min_size=1, max_size=12), min_size=1, max_size=3)
+
+
+@given(st.lists(some_epochs, min_size=2, max_size=3), st.booleans())
+def test_stretches_meet_where_times_and_eras_do_and_nowhere_else(topics, in_turn):
+    made = []
+    for k, epochs in enumerate(topics):
+        t = np.concatenate([np.cumsum(steps) for steps in epochs])
+        epoch = np.repeat(np.arange(len(epochs)), [len(steps) for steps in epochs])
+        made.append(stretches_of(t, epoch=epoch, file_index=np.arange(len(t)) * 3 + k + (0 if in_turn else 1000 * k)))
+    common = in_common(made)
+    spans = [
+        list(zip(s.start_ns, s.end_ns, *era, range(len(s)), strict=True))
+        for s, era in zip(made, eras_of(made), strict=True)
+    ]
+    expected = []
+    for parts in product(*spans):
+        start, end = max(p[0] for p in parts), min(p[1] for p in parts)
+        first, last = max(p[2] for p in parts), min(p[3] for p in parts)
+        if start <= end and first <= last:
+            expected.append((start, end, first, last, *(p[4] for p in parts)))
+    found = np.column_stack([common.start_ns, common.end_ns, common.era_first, common.era_last, common.parts])
+    assert [tuple(row) for row in found.tolist()] == expected
+
+
+@given(st.lists(st.lists(st.integers(1, 60), min_size=1, max_size=12), max_size=5), st.randoms(use_true_random=False))
+def test_an_epoch_spans_its_messages_in_the_file(epochs, random):
+    t = [time for steps in epochs for time in np.cumsum(steps)]
+    epoch = np.repeat(np.arange(len(epochs)), [len(steps) for steps in epochs])
+    places = list(range(len(t)))
+    random.shuffle(places)
+    found = stretches_of(t, epoch=epoch, file_index=places)
+    for k in range(len(found)):
+        of_epoch = np.array(places)[epoch == found.epoch[k]]
+        assert (found.file_first[k], found.file_last[k]) == (of_epoch.min(), of_epoch.max())
+        assert (np.diff(t[found.first[k] : found.stop[k]]) <= 25).all()

@@ -19,6 +19,12 @@ def mcap_files():
 
 
 @pytest.fixture(scope="session")
+def containers():
+    """The helper that writes MCAP files with known messages, and reads them span by span."""
+    return _load(Path(__file__).with_name("containers.py"))
+
+
+@pytest.fixture(scope="session")
 def levitador():
     """Folder of the recorded logs of a laboratory levitator."""
     here = Path(__file__).parents[3] / "shared/data/levitador"

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 import struct
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr
@@ -14,6 +15,7 @@ from mcap.decoder import DecoderFactory
 from mcap.exceptions import McapError
 from mcap.records import Channel, Schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
+from mcap_ros1.decoder import DecoderFactory as Ros1LibraryFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2DecoderFactory
 
 from maglev_offline.logs.schema_fields import TIME_PARTS
@@ -44,12 +46,74 @@ class JsonDecoderFactory(DecoderFactory):
         return json.loads if message_encoding == "json" else None
 
 
+_ROS1_FIELD = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)?(\[\d*\])?\s+[A-Za-z]\w*", re.ASCII)
+_ROS1_NAME = re.compile(r"[A-Za-z]\w*/[A-Za-z]\w*", re.ASCII)
+
+
+class Ros1DecoderFactory(DecoderFactory):
+    """Decodes `ros1` payloads with the library, which writes Python code from the schema and runs it.
+
+    A log is not trusted with that: of its schema only type names, member names and the marks between types are
+    handed on. Constants and comments, which no message holds, are dropped.
+    """
+
+    def __init__(self) -> None:
+        self._library = Ros1LibraryFactory()
+
+    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Decoder | None:
+        """Return the decoder where the channel holds ROS 1 messages with their schema."""
+        if message_encoding != "ros1" or schema is None or schema.encoding != "ros1msg":
+            return None
+        if not _ROS1_NAME.fullmatch(schema.name):
+            raise ValueError(f"{schema.name[:80]!r} is no name of a ROS 1 message")
+        plain = Schema(id=schema.id, name=schema.name, encoding="ros1msg", data=plain_ros1(schema.data.decode()))
+        return _told(self._library.decoder_for(message_encoding, plain))
+
+
+def _told(decoder: Decoder | None) -> Decoder | None:
+    """The library's decoder, whose exceptions are of types of its own, made to raise a ValueError."""
+    if decoder is None:
+        return None
+
+    def decode(data: bytes) -> Any:
+        try:
+            return decoder(data)
+        except Exception as error:
+            raise ValueError(f"{type(error).__name__}: {error}") from None
+
+    return decode
+
+
+def plain_ros1(text: str) -> bytes:
+    """The fields of a ROS 1 message definition and of those it refers to, and nothing else.
+
+    Raises
+    ------
+    ValueError: a line is neither a field, a constant, a comment, nor a mark between two types.
+    """
+    kept = []
+    for raw in text.splitlines():
+        line = raw.partition("#")[0].strip()
+        if not line or "=" in line.replace("=" * 80, ""):
+            continue
+        if line == "=" * 80:
+            kept.append(line)
+        elif line.startswith("MSG:") and _ROS1_NAME.fullmatch(line.removeprefix("MSG:").strip()):
+            kept.append(line)
+        elif _ROS1_FIELD.fullmatch(line):
+            kept.append(line)
+        else:
+            raise ValueError(f"{line[:80]!r} is no line of a ROS 1 message definition")
+    return "\n".join([*kept, ""]).encode()
+
+
 class Decoders:
     """The decoders of one file; each channel's is made once."""
 
     def __init__(self) -> None:
         self._factories: tuple[DecoderFactory, ...] = (
             Ros2DecoderFactory(),
+            Ros1DecoderFactory(),
             ProtobufDecoderFactory(),
             JsonDecoderFactory(),
         )
@@ -77,6 +141,7 @@ def can_decode(message_encoding: str, schema_encoding: str) -> bool:
     """Whether there is a decoder for this pair of encodings."""
     return message_encoding == "json" or (message_encoding, schema_encoding) in {
         ("cdr", "ros2msg"),
+        ("ros1", "ros1msg"),
         ("protobuf", "protobuf"),
     }
 

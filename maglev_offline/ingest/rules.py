@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_offline.logs.reader import NO_TIME
+from maglev_offline.logs.columns import NO_TIME
 from maglev_offline.logs.signals import UNIT_OF_SIGNAL
 
 NOT_DECODABLE = "not_decodable"
@@ -26,6 +26,8 @@ NO_PARTNER = "no_partner"
 """The point's other topics are silent at its time."""
 UNMAPPED = "unmapped_topic"
 """No point takes a signal from its topic."""
+MISSING = "missing"
+"""The log's statistics count it, and it is nowhere in the file."""
 
 Values = Mapping[str, NDArray[np.float64]]
 Mask = NDArray[np.bool_]

@@ -1,0 +1,152 @@
+"""A log, or several files that are one recording, decoded: slabs of columns, and a count of all that came in."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import joblib
+
+from maglev_offline.filesystems import Where
+from maglev_offline.logs.channels import LogInfo, read_survey
+from maglev_offline.logs.reader import ReadRun, TopicWanted, read_run, runs
+from maglev_offline.logs.slabs import MemorySlab, Slab
+from maglev_offline.logs.source import open_source
+from maglev_offline.logs.structure import Damage, Span, Structure
+from maglev_offline.progress import SILENT, Progress
+
+IN_MEMORY_BYTES = 96 * 2**20
+"""So much of a log is held in memory; what is beyond waits on disk."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One file of a recording: where it is, what it says of itself, and where everything lies in it."""
+
+    where: Where
+    info: LogInfo
+    structure: Structure
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Messages of one topic that the file had and that could not be read: how many, why, and where in which file."""
+
+    topic: str
+    code: str
+    count: int
+    detail: str
+    byte_offset: int
+
+
+@dataclass(frozen=True)
+class DecodedLog:
+    """Decoded columns of the wanted topics, and what came in.
+
+    `slabs` in the order of the file, each with the number of messages that it spans. `found` counts messages of every
+    topic that could be read, `lost` those that could not. `damages` are of the files' bytes, with the number of the
+    part.
+    """
+
+    slabs: tuple[tuple[Slab, int], ...]
+    found: dict[str, int]
+    lost: tuple[Lost, ...]
+    rungs: dict[str, int]
+    failures: dict[str, str]
+    damages: tuple[tuple[int, Damage], ...]
+
+
+def open_parts(where: Sequence[Where]) -> list[Part]:
+    """Survey each file; LogError where one is no MCAP file."""
+    parts = []
+    for one in where:
+        with open_source(one) as source:
+            parts.append(Part(one, *read_survey(source)))
+    return parts
+
+
+def decode_parts(
+    parts: Sequence[Part],
+    wanted: Mapping[str, TopicWanted],
+    scratch: Path,
+    *,
+    jobs: int = 1,
+    progress: Progress = SILENT,
+) -> DecodedLog:
+    """Decode the wanted topics of all parts, one after the other; `scratch` is a folder for what memory cannot hold.
+
+    The number of `jobs` changes nothing but the time.
+
+    Raises
+    ------
+    LogError: a wanted topic cannot be decoded at all.
+    """
+    work = [(number, part, spans) for number, part in enumerate(parts) for spans in runs(part.structure)]
+    size = sum(span.length for _, _, spans in work for span in spans)
+    slabs: list[tuple[Slab, int]] = []
+    found: Counter[str] = Counter()
+    by_part: list[Counter[int]] = [Counter() for _ in parts]
+    rungs: Counter[str] = Counter()
+    failures: dict[str, str] = {}
+    damages = [(number, damage) for number, part in enumerate(parts) for damage in part.structure.damages]
+    with progress.task(f"decode {Path(str(parts[0].where)).name}", round(size / 1e6), "MB") as tick:
+        for (number, _, spans), read in zip(work, _reads(work, wanted, scratch, jobs), strict=True):
+            slabs += read.slabs
+            by_part[number].update(read.counts)
+            rungs.update(read.rungs)
+            failures |= {topic: text for topic, text in read.failures.items() if topic not in failures}
+            damages += [(number, damage) for damage in read.damages]
+            tick(round(sum(span.length for span in spans) / 1e6))
+    lost: list[Lost] = []
+    for number, part in enumerate(parts):
+        for channel_id, count in by_part[number].items():
+            found[part.structure.channels[channel_id].topic] += count
+        lost += _lost(part.structure, by_part[number], [damage for at, damage in damages if at == number])
+    return DecodedLog(tuple(slabs), dict(sorted(found.items())), tuple(lost), dict(rungs), failures, tuple(damages))
+
+
+_Work = tuple[int, Part, tuple[Span, ...]]
+
+
+def _reads(work: Sequence[_Work], wanted: Mapping[str, TopicWanted], scratch: Path, jobs: int) -> Iterator[ReadRun]:
+    if jobs > 1 and len(work) > 1:
+        yield from joblib.Parallel(n_jobs=jobs, return_as="generator")(
+            joblib.delayed(_read)(part, spans, wanted, scratch / f"{number}.slabs")
+            for number, (_, part, spans) in enumerate(work)
+        )
+        return
+    held = 0
+    for number, (_, part, spans) in enumerate(work):
+        full = held > IN_MEMORY_BYTES
+        read = _read(part, spans, wanted, scratch / f"{number}.slabs" if full else None)
+        held += sum(slab.nbytes for slab, _ in read.slabs if isinstance(slab, MemorySlab))
+        yield read
+
+
+def _read(part: Part, spans: tuple[Span, ...], wanted: Mapping[str, TopicWanted], spill_to: Path | None) -> ReadRun:
+    with open_source(part.where) as source:
+        return read_run(source, part.structure, spans, wanted, spill_to=spill_to)
+
+
+MISSING = "missing"
+"""The log's statistics count these messages, and they are nowhere in the file; no damage says where they were."""
+
+
+def _lost(structure: Structure, found: Mapping[int, int], damages: Sequence[Damage]) -> Iterator[Lost]:
+    """What is known to have been in the file and could not be read, by topic."""
+    known: Counter[int] = Counter()
+    for damage in damages:
+        for channel_id, count in sorted((damage.messages or {}).items()):
+            if count:
+                known[channel_id] += count
+                yield Lost(_topic(structure, channel_id), damage.code, count, damage.detail, damage.offset)
+    for channel_id, claimed in sorted((structure.claimed or {}).items()):
+        gone = claimed - found.get(channel_id, 0) - known[channel_id]
+        if gone > 0:
+            where = next((damage.offset for damage in damages if damage.messages is None), -1)
+            yield Lost(_topic(structure, channel_id), MISSING, gone, "counted by the log's statistics", where)
+
+
+def _topic(structure: Structure, channel_id: int) -> str:
+    channel = structure.channels.get(channel_id)
+    return channel.topic if channel else f"(channel {channel_id})"
