@@ -88,7 +88,7 @@ def write_log(path: Path, encoding: str, messages: int) -> None:
     draft = path.with_name(f".{path.name}.draft")
     with draft.open("wb") as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        writer.start(profile="", library="maglev-offline benchmark")
+        writer.start(profile="ros2" if encoding == "cdr" else "", library="maglev-offline benchmark")
         schema_id = writer.register_schema(name, schema_encoding, schema)
         channels = [writer.register_channel(topic, encoding, schema_id) for topic in TOPICS]
         for block in blocks(messages):
@@ -106,8 +106,11 @@ def _cdr() -> tuple[str, bytes, Encode]:
     lines = ["builtin_interfaces/Time stamp", "uint32 sequence", *(f"float64 {name}" for name in FIELDS)]
     schema = "\n".join([*lines, "=" * 80, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec", ""])
     layout = np.dtype(
-        [("head", "<u4"), ("sec", "<i4"), ("nanosec", "<u4"), ("sequence", "<u4"), ("pad", "<u4")]
-        + [("values", "<f8", (len(FIELDS),))]
+        {
+            "names": ["head", "sec", "nanosec", "sequence", "values"],
+            "formats": ["<u4", "<i4", "<u4", "<u4", ("<f8", (len(FIELDS),))],
+            "offsets": [0, 4, 8, 12, 20],
+        }
     )
 
     def encode(block: Block) -> list[bytes]:

@@ -1,25 +1,26 @@
-"""The stages joined: what each command of the command line does."""
+"""The stages joined: what each command of the command line does.
 
+A stage is imported by the command that runs it: a second run on unchanged logs is over sooner than pandas is imported.
+"""
+
+from __future__ import annotations
+
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast, get_args
-
-import numpy as np
-import pandas as pd
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 from maglev_offline.agents.settings import Algorithm
-from maglev_offline.agents.stage import load_curves, train_arms
-from maglev_offline.control.stage import run_control
-from maglev_offline.curate.stage import curate as run_curate
 from maglev_offline.errors import ArtefactError, InputError
 from maglev_offline.filesystems import Where
-from maglev_offline.ingest.store import dry_run, ingest_logs, samples_made_with
 from maglev_offline.outcomes import Done, Ingested, Run
 from maglev_offline.progress import Progress
 from maglev_offline.recipe import Recipe
-from maglev_offline.replay.prefill import make_prefill
 from maglev_offline.transfer.settings import ArmName
 from maglev_offline.workspace import Manifest, Workspace
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
@@ -56,17 +57,38 @@ def ingest(
 
     Nothing is curated if none of these logs is usable.
     """
+    from maglev_offline.ingest.store import ingest_logs
+
     result = ingest_logs(logs, workspace, recipe.request, jobs=jobs, merge=merge, progress=progress)
     if not result.folders:
         return Ingested(list(result.logs), None)
+    _tell_shared(recipe, workspace, progress)
     curated = curate(recipe, workspace, progress, folders=result.folders if only else None)
     return Ingested(list(result.logs), curated)
+
+
+def _tell_shared(recipe: Recipe, workspace: Workspace, progress: Progress) -> None:
+    from maglev_offline.ingest.shared_content import find_shared_content
+    from maglev_offline.ingest.store import samples_made_with
+
+    folders, _ = samples_made_with(workspace, recipe.request)
+    shared = find_shared_content(workspace, {folder: workspace.manifest(folder) for folder in folders})
+    for finding in shared[:_MOST_SHARED]:
+        progress.warn(f"{finding.log}, point {finding.point}: {finding.what} {finding.todo}")
+    if len(shared) > _MOST_SHARED:
+        progress.warn(f"{len(shared) - _MOST_SHARED:,} more such findings are in {workspace.path('shared_content')}.")
+
+
+_MOST_SHARED = 8
+"""So many findings of shared content are told; the artefact has all."""
 
 
 def would_ingest(
     recipe: Recipe, logs: Sequence[Where], jobs: int, progress: Progress, *, merge: bool = False
 ) -> Ingested:
     """Say what would come of logs, and write nothing."""
+    from maglev_offline.ingest.store import dry_run
+
     return Ingested(list(dry_run(logs, recipe.request, jobs=jobs, merge=merge, progress=progress).logs), None)
 
 
@@ -77,6 +99,8 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
     ------
     ArtefactError: there are no samples, or only such as another recipe made.
     """
+    from maglev_offline.curate.stage import curate as run_curate
+
     if folders is None:
         folders = _fitting_samples(recipe, workspace, progress)
     folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
@@ -97,6 +121,8 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
 
 def _fitting_samples(recipe: Recipe, workspace: Workspace, progress: Progress) -> list[Path]:
     """The samples that this recipe made; others do not go with them, and are named."""
+    from maglev_offline.ingest.store import samples_made_with
+
     folders, others = samples_made_with(workspace, recipe.request)
     if others:
         named = ", ".join([*(folder.name for folder in others[:3]), *["..."] * (len(others) > 3)])
@@ -113,6 +139,8 @@ def _fitting_samples(recipe: Recipe, workspace: Workspace, progress: Progress) -
 
 def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
     """Make the prefill of one algorithm."""
+    from maglev_offline.replay.prefill import make_prefill
+
     folder, fresh = make_prefill(workspace, algorithm, recipe.prefill, recipe.plant, recipe.mdp)
     manifest = Manifest.read(folder)
     return Done(
@@ -127,6 +155,11 @@ def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
 
 def control(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     """Try the classical controllers."""
+    import numpy as np
+    import pandas as pd
+
+    from maglev_offline.control.stage import run_control
+
     folder, fresh = run_control(
         workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control, progress=progress
     )
@@ -174,7 +207,7 @@ def _pid_words(facts: dict[str, Any], recipe: Recipe) -> str:
 
 
 def _seconds(value: float) -> str:
-    return "never" if np.isnan(value) else f"{value:.3f}"
+    return "never" if math.isnan(value) else f"{value:.3f}"
 
 
 def control_page(recipe: Recipe, workspace: Workspace) -> Path:
@@ -201,6 +234,7 @@ def train(recipe: Recipe, workspace: Workspace, asked: str | None, arm: str, job
     ------
     InputError: an arm that is not known.
     """
+    from maglev_offline.agents.stage import load_curves, train_arms
     from maglev_offline.transfer.stage import arms_of
 
     if arm not in get_args(ArmName):

@@ -5,12 +5,11 @@ import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, Field, ValidationError
 
 from maglev_offline.agents.settings import EvaluationSettings, TrainingSettings
-from maglev_offline.agents.stage import World
 from maglev_offline.control.settings import ControlSettings
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import RecipeError
@@ -27,6 +26,9 @@ from maglev_offline.replay.settings import PrefillSettings
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.settings import Settings
 from maglev_offline.transfer.settings import TransferSettings
+
+if TYPE_CHECKING:
+    from maglev_offline.agents.stage import World
 
 
 class Recipe(Settings):
@@ -56,8 +58,10 @@ class Recipe(Settings):
     report: ReportSettings = Field(default_factory=ReportSettings)
 
     @property
-    def world(self) -> World:
+    def world(self) -> "World":
         """The tables that training depends on."""
+        from maglev_offline.agents.stage import World  # it brings pandas, and most commands do not train
+
         return World(self.plant, self.mdp, self.training, self.evaluation)
 
     @property

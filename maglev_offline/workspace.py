@@ -15,7 +15,7 @@ from typing import Any
 
 from maglev_offline import __version__
 from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
-from maglev_offline.hashes import KnownHashes
+from maglev_offline.hashes import KnownHashes, Stamp, stamp_of
 from maglev_offline.hashes import sha256_of as sha256_of
 from maglev_offline.settings import Settings
 
@@ -115,10 +115,11 @@ class Workspace:
 
     def __init__(self, root: Path, *, rehash: bool = False) -> None:
         self.root, self.rehash = root, rehash
+        self._manifests: dict[Path, tuple[Stamp, Manifest]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Go to a worker process without the hashes, which are many and are not its business."""
-        return {"root": self.root, "rehash": self.rehash}
+        """Go to a worker process without hashes and manifests, which are many and not its business."""
+        return {"root": self.root, "rehash": self.rehash, "_manifests": {}}
 
     @cached_property
     def known(self) -> KnownHashes:
@@ -129,10 +130,24 @@ class Workspace:
         """Folder of an artefact, for instance `path("samples", log_id)`."""
         return self.root.joinpath(*parts)
 
+    def manifest(self, folder: Path) -> Manifest:
+        """Read the manifest in `folder`, or give the one that was read before if it was not touched since.
+
+        It is shared: whoever changes it changes what others see. Raises ArtefactError as `Manifest.read` does.
+        """
+        try:
+            stamp = stamp_of(folder / "manifest.json")
+        except OSError:
+            return Manifest.read(folder)
+        found = self._manifests.get(folder)
+        if found is None or found[0] != stamp:
+            found = self._manifests[folder] = (stamp, Manifest.read(folder))
+        return found[1]
+
     def current(self, folder: Path, mark: str) -> Manifest | None:
         """Manifest of the artefact in `folder` if it is whole and was made from what `mark` stands for."""
         try:
-            manifest = Manifest.read(folder)
+            manifest = self.manifest(folder)
         except ArtefactError:
             return None
         whole = manifest.fingerprint == mark and not changed_files(folder, manifest, self.known)
@@ -143,8 +158,11 @@ class Workspace:
         return self.current(folder, mark) is not None
 
     def input_hash(self, folder: Path) -> str:
-        """Hash that stands for a whole artefact, as `input_hash` of this module; untouched files are not read."""
-        return input_hash(folder, self.known)
+        """Hash that stands for a whole artefact, as `input_hash` of this module; untouched files are not read.
+
+        Raises ArtefactError as that does.
+        """
+        return _input_hash(folder, self.manifest(folder), self.known)
 
     def list(self, kind: str) -> list[Path]:
         """Folders of all artefacts of one kind, in order of their names."""
@@ -235,22 +253,26 @@ def _hash_or_none(path: Path, known: KnownHashes | None) -> str | None:
         return None
 
 
-def input_hash(folder: Path, known: KnownHashes | None = None) -> str:
+def input_hash(folder: Path) -> str:
     """Hash that stands for a whole artefact: that of its manifest, which holds the hash of each of its files.
 
     Raises
     ------
     ArtefactError: a file of the artefact is gone, or is not what was written.
     """
-    changed = changed_files(folder, Manifest.read(folder), known)
+    return _input_hash(folder, Manifest.read(folder), None)
+
+
+def _input_hash(folder: Path, manifest: Manifest, known: KnownHashes | None) -> str:
+    changed = changed_files(folder, manifest, known)
     if changed:
         raise ArtefactError(
             f"{', '.join(changed)} {'is' if len(changed) == 1 else 'are'} not what was written there.",
             where=str(folder),
             todo="Remove that folder and run its stage again.",
         )
-    manifest = folder / "manifest.json"
-    return sha256_of(manifest) if known is None else known.sha256(manifest)
+    path = folder / "manifest.json"
+    return sha256_of(path) if known is None else known.sha256(path)
 
 
 def _sync(path: Path) -> None:

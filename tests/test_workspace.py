@@ -318,3 +318,14 @@ def test_a_workspace_goes_to_a_worker_without_the_hashes(workspace):
     there = pickle.loads(pickle.dumps(Workspace(workspace.root, rehash=True)))
     assert (there.root, there.rehash) == (workspace.root, True)
     assert b"/log" not in pickle.dumps(workspace)
+
+
+def test_a_manifest_is_read_again_once_it_was_written_again(workspace):
+    home = put(workspace, "abc", "a")
+    assert workspace.manifest(home) is workspace.manifest(home)
+    put(workspace, "abd", "a", mark="other")
+    assert workspace.manifest(home) == Manifest.read(home)
+    assert workspace.manifest(home).fingerprint == "other"
+    (home / "manifest.json").unlink()
+    with pytest.raises(ArtefactError, match="no such artefact"):
+        workspace.manifest(home)

@@ -55,15 +55,20 @@ _MOST_PLACES = 3
 
 
 def finding_lines(findings: Sequence[Finding]) -> list[str]:
-    """Each finding in two lines or three: what, where, what to do."""
-    lines = []
+    """Findings of one code in two lines or three: the one with the most places, and how many topics have it too."""
+    groups: dict[tuple[str, str, str], list[Finding]] = {}
     for one in findings:
+        groups.setdefault((one.severity, one.code, str(one.numbers.get("signal", ""))), []).append(one)
+    lines = []
+    for (severity, code, _), alike in groups.items():
+        one = max(alike, key=lambda finding: finding.count)
         about = " ".join(filter(None, (one.point and f"point {one.point}", one.topic)))
-        lines.append(f"  {one.severity}: {one.code}{f' ({about})' if about else ''}: {one.what}")
-        places = [_place(place) for place in one.places[:_MOST_PLACES]]
-        more = f", and {one.count - len(places):,} more" if places and one.count > len(places) else ""
-        if any(places):
-            lines.append(f"    at {'; '.join(filter(None, places))}{more}")
+        others = f", and {len(alike) - 1:,} more like it" if len(alike) > 1 else ""
+        lines.append(f"  {severity}: {code}{f' ({about}{others})' if about else ''}: {one.what}")
+        places = list(filter(None, map(_place, one.places[:_MOST_PLACES])))
+        if places:
+            more = f", and {one.count - len(places):,} more" if one.count > len(places) else ""
+            lines.append(f"    at {'; '.join(places)}{more}")
         if one.todo:
             lines.append(f"    {one.todo}")
     return lines

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Literal
 
 from maglev_offline.ingest.content_overlaps import Key, Overlap, Stretch
-from maglev_offline.ingest.findings import Finding, Place, Severity
+from maglev_offline.ingest.findings import MOST_PLACES, Finding, Place, Severity
 
 _CODES: dict[str, tuple[str, Severity]] = {
     "identical": ("duplicate_content", "error"),
@@ -57,7 +57,7 @@ def _finding(overlap: Overlap, side: Literal["a", "b"]) -> Finding:
             "other_last_row": theirs[1],
         },
         count=len(places),
-        places=tuple(places),
+        places=tuple(places[:MOST_PLACES]),
     )
 
 

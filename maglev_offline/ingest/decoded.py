@@ -9,6 +9,7 @@ import joblib
 
 from maglev_offline.filesystems import Where
 from maglev_offline.logs.channels import LogInfo, read_survey
+from maglev_offline.logs.counts import shortfall
 from maglev_offline.logs.reader import ReadRun, TopicWanted, read_run, runs
 from maglev_offline.logs.slabs import MemorySlab, Slab
 from maglev_offline.logs.source import open_source
@@ -134,17 +135,15 @@ MISSING = "missing"
 
 def _lost(structure: Structure, found: Mapping[int, int], damages: Sequence[Damage]) -> Iterator[Lost]:
     """What is known to have been in the file and could not be read, by topic."""
-    known: Counter[int] = Counter()
     for damage in damages:
         for channel_id, count in sorted((damage.messages or {}).items()):
             if count:
-                known[channel_id] += count
                 yield Lost(_topic(structure, channel_id), damage.code, count, damage.detail, damage.offset)
-    for channel_id, claimed in sorted((structure.claimed or {}).items()):
-        gone = claimed - found.get(channel_id, 0) - known[channel_id]
-        if gone > 0:
-            where = next((damage.offset for damage in damages if damage.messages is None), -1)
-            yield Lost(_topic(structure, channel_id), MISSING, gone, "counted by the log's statistics", where)
+    missing = shortfall(structure.claimed, found, damages)
+    where = next((damage.offset for damage in damages if damage.messages is None), -1)
+    for channel_id, count in sorted((missing.in_damage | missing.unexplained).items()):
+        detail = "counted by the log's statistics" + (", lost in the damage" if missing.in_damage else "")
+        yield Lost(_topic(structure, channel_id), MISSING, count, detail, where)
 
 
 def _topic(structure: Structure, channel_id: int) -> str:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
+from maglev_offline.filesystems import Where
 from maglev_offline.ingest.checks.damage import damage_findings
 from maglev_offline.ingest.clock import NS_PER_MS, steps_of
 from maglev_offline.ingest.content import ContentSketch
-from maglev_offline.filesystems import Where
 from maglev_offline.ingest.decoded import DecodedLog, Part, open_parts
 from maglev_offline.ingest.findings import Finding, by_severity
 from maglev_offline.ingest.log import examine_parts, plan_of

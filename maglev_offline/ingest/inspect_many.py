@@ -7,7 +7,8 @@ import joblib
 
 from maglev_offline.errors import LogError
 from maglev_offline.filesystems import Where
-from maglev_offline.ingest.content import overlap_findings, overlaps
+from maglev_offline.ingest.content_findings import content_findings
+from maglev_offline.ingest.content_overlaps import overlaps
 from maglev_offline.ingest.findings import SEVERITIES, Finding, by_severity
 from maglev_offline.ingest.inspect import Inspected, inspect_log
 from maglev_offline.ingest.request import Request
@@ -55,7 +56,7 @@ def inspect_logs(
             else:
                 found.append(one)
     sketches = {(one.summary.file, point): sketch for one in found for point, sketch in one.content.items()}
-    across = by_severity(overlap_findings(overlaps(sketches)))
+    across = by_severity(content_findings(overlaps(sketches)))
     return ManyInspected(tuple(found), tuple(refused), tuple(across))
 
 

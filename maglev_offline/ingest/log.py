@@ -11,10 +11,10 @@ from typing import Any
 import pyarrow as pa
 
 from maglev_offline.errors import LogError
+from maglev_offline.filesystems import Where
 from maglev_offline.ingest import ledger, rules, samples
 from maglev_offline.ingest.checks.damage import damage_findings
 from maglev_offline.ingest.content import CONTENT, ContentSketch, save_content
-from maglev_offline.filesystems import Where
 from maglev_offline.ingest.decoded import DecodedLog, Part, decode_parts, open_parts
 from maglev_offline.ingest.examine import Examined, Nowhere, Sink, examine
 from maglev_offline.ingest.findings import FINDINGS, Finding, by_severity, save_findings

@@ -11,13 +11,14 @@ import joblib
 
 from maglev_offline.errors import ArtefactError, InputError, LogError
 from maglev_offline.filesystems import Where
+from maglev_offline.ingest.known_logs import hash_of_log
 from maglev_offline.ingest.log import IngestedLog, ingest_log
 from maglev_offline.ingest.merge import merged_sha256
 from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.samples import load_samples
-from maglev_offline.logs.source import is_uri, open_source
+from maglev_offline.logs.source import open_source
 from maglev_offline.progress import SILENT, Progress
-from maglev_offline.workspace import Manifest, Workspace, sha256_of
+from maglev_offline.workspace import Manifest, Workspace
 
 __all__ = ["KIND", "IngestResult", "LogOutcome", "ingest_logs", "load_samples", "log_id_of", "samples_made_with"]
 
@@ -119,7 +120,7 @@ def ingest_logs(
     hashes: dict[Where, str] = {}
     for where in ordered:
         try:
-            hashes[where] = _hash(where, workspace)
+            hashes[where] = hash_of_log(where, workspace.known)
         except LogError as error:
             if merge:
                 raise
@@ -134,8 +135,7 @@ def ingest_logs(
             continue
         first_of[task.sha256] = task
         folder = workspace.path(KIND, task.log_id)
-        if workspace.is_current(folder, task.mark):
-            manifest = Manifest.read(folder)
+        if (manifest := workspace.current(folder, task.mark)) is not None:
             outcomes[task.where] = _done(task, folder, manifest, "skipped", "is there already, unchanged.")
         elif (stored := _stored_copy(workspace, task)) is not None:
             text = f"{task.name}: the same content is there already as {stored.name}; it was not ingested again."
@@ -216,11 +216,6 @@ def _tasks(hashes: dict[Where, str], request: Request, *, merge: bool) -> Iterat
     for parts in groups:
         sha256 = hashes[parts[0]] if len(parts) == 1 else merged_sha256(hashes[part] for part in parts)
         yield _Task(parts, log_id_of(parts[0], sha256), sha256, request.fingerprint(KIND, sha256))
-
-
-def _hash(where: Where, workspace: Workspace) -> str:
-    with open_source(where) as source:
-        return source.sha256() if isinstance(where, str) and is_uri(where) else workspace.known.sha256(Path(where))
 
 
 def _work(

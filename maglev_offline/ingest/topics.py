@@ -9,8 +9,8 @@ from maglev_offline.ingest import clock, rules, segments
 from maglev_offline.ingest.ledger import Quarantined
 from maglev_offline.ingest.select import Chosen
 from maglev_offline.ingest.settings import IngestSettings
-from maglev_offline.logs.mapping import TopicPlan, to_si
 from maglev_offline.logs.columns import ChannelColumns
+from maglev_offline.logs.mapping import TopicPlan, to_si
 from maglev_offline.logs.signals import UNIT_OF_SIGNAL, SignalMap
 
 

@@ -49,6 +49,8 @@ def _times(source: Source, span: Span, structure: Structure) -> tuple[NDArray[np
     if isinstance(span, ChunkSpan) and 0 < span.index_length <= LARGEST_CHUNK_BYTES:
         entries = parse_index(source.read_at(span.index_offset, span.index_length))
         if entries is not None and sound_counts(entries, 2**62) is not None:
+            if entries.counts().keys() <= structure.channels.keys():
+                return entries.channel_id, entries.log_time_ns
             known = np.isin(entries.channel_id, list(structure.channels))
             return entries.channel_id[known], entries.log_time_ns[known]
     table = load_span(source, span, structure.channels).messages

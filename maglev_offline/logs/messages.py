@@ -113,25 +113,37 @@ def from_index(data: NDArray[np.uint8], entries: IndexEntries) -> Found | None:
     if n and int(entries.offset.max()) > size - MESSAGE_HEAD:
         return None
     order = np.argsort(entries.offset, kind="stable")
-    offset = entries.offset[order].astype(np.int64)
+    offset = entries.offset[order].view(np.int64)
     heads = _heads_at(data, offset)
-    long = heads["length"].astype(np.uint64)
+    long = np.ascontiguousarray(heads["length"])
     if (heads["opcode"] != wire.MESSAGE).any() or (n and not 22 <= int(long.min()) <= int(long.max()) <= size):
         return None
     if (heads["channel_id"] != entries.channel_id[order]).any():
         return None
     if (heads["log_time"] != entries.log_time_ns[order]).any():
         return None
-    length = long.astype(np.int64)
-    ends = np.concatenate([np.zeros(1, np.int64), offset + 9 + length])
-    nexts = np.append(offset, size)
+    length = long.view(np.int64)
+    others = _between(data, offset, offset + length)
+    return Found(_table(heads, offset, length), others, size) if others is not None else None
+
+
+def _between(
+    data: NDArray[np.uint8], offset: NDArray[np.int64], end: NDArray[np.int64]
+) -> list[tuple[int, int, int]] | None:
+    """The records between messages that end 9 bytes behind `end`; None where there is anything but whole other ones."""
+    size = len(data)
+    if not len(offset):
+        gaps = [(0, size)] if size else []
+    else:
+        jumps = np.flatnonzero(offset[1:] - end[:-1] != 9)
+        gaps = [(0, int(offset[0])), *((int(end[k]) + 9, int(offset[k + 1])) for k in jumps), (int(end[-1]) + 9, size)]
     others: list[tuple[int, int, int]] = []
-    for k in np.flatnonzero(ends != nexts).tolist():
-        between = chain(data, int(ends[k]), int(nexts[k])) if ends[k] < nexts[k] else None
-        if between is None or between.stop != nexts[k] or (between.opcode == wire.MESSAGE).any():
+    for first, last in gaps:
+        records = chain(data, first, last)
+        if first > last or records.stop != last or (records.opcode == wire.MESSAGE).any():
             return None
-        others += _listed(between, slice(None))
-    return Found(_table(heads, offset, length), others, size)
+        others += _listed(records, slice(None))
+    return others
 
 
 def from_records(data: NDArray[np.uint8], opcodes: frozenset[int] | None = None) -> Found:

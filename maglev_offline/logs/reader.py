@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
 from maglev_offline.logs.chunks import load_span
-from maglev_offline.logs.message_index import counts_of
 from maglev_offline.logs.columns import NO_TIME, ChannelColumns, join
 from maglev_offline.logs.decode.ladder import Columns, Ladder
 from maglev_offline.logs.decode.library import ClockField, Decoders
 from maglev_offline.logs.decode.payloads import Payloads, Wanted
+from maglev_offline.logs.message_index import counts_of
+from maglev_offline.logs.scan import read_structure
 from maglev_offline.logs.slabs import ROWS, DiskSlab, MemorySlab, Slab, by_topic
 from maglev_offline.logs.source import Source, open_source
-from maglev_offline.logs.scan import read_structure
 from maglev_offline.logs.structure import Damage, MessageTable, Span, Structure
+from maglev_offline.memory import keep_freed_memory
 
 RUN_BYTES = 16 * 2**20
 """Spans are decoded in runs of about so many bytes: the unit of work that is shared among processes."""
@@ -77,6 +78,7 @@ def read_run(
     ------
     LogError: a wanted topic has an encoding or a schema that cannot be read.
     """
+    keep_freed_memory()
     groups = _Groups(source.name, structure, wanted)
     slabs: list[tuple[Slab, int]] = []
     counts: Counter[int] = Counter()

@@ -9,7 +9,6 @@ import pyarrow.parquet as pq
 
 from maglev_offline import __version__
 from maglev_offline.logs.surrogate_defect_settings import PlantedDefects
-from maglev_offline.logs.surrogate_defects import resistance_factor
 from maglev_offline.logs.surrogate_plant import RunTruth, load_kg, simulate_log
 from maglev_offline.logs.surrogate_record import MS
 from maglev_offline.logs.surrogate_recorder import STATE_MESSAGE, Defects, record, topic_of
@@ -59,7 +58,7 @@ def generate(
     with progress.task("surrogate logs", settings.logs, "logs") as tick:
         for log in range(settings.logs):
             controller, encoding = kinds_of(settings, log)
-            truths = simulate_log(_as_built(plant, settings, log), mdp, settings, log, controller)
+            truths = simulate_log(plant, mdp, settings, log, controller)
             load = load_kg(plant, settings, log)
             messages, defects = record(truths, settings, log, load, epoch_ns(log))
             path = output / f"{log_name(settings, log)}.mcap"
@@ -78,12 +77,6 @@ def generate(
             paths.append(path)
             tick(1)
     return paths
-
-
-def _as_built(plant: Plant, settings: SurrogateSettings, log: int) -> Plant:
-    """The plant that drives in a log; the metadata tell of the declared one."""
-    factor = resistance_factor(settings.defects, log)
-    return plant if factor == 1 else plant.model_copy(update={"resistance_ohm": factor * plant.resistance_ohm})
 
 
 def _metadata(plant: Plant, mdp: Mdp, settings: SurrogateSettings, log: int) -> dict[str, str]:

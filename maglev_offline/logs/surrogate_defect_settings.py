@@ -103,17 +103,19 @@ class TimeConflicts(_Stretch):
     size: float = 0.5
 
 
-class OtherResistance(Settings):
-    """The coils have `factor` times the resistance that the log's metadata tell, so that u is not R i."""
+class OtherResistance(_OnPoint):
+    """The coil has `extra_ohm` more than the plant that is declared: so much more voltage drives the same current.
 
-    log: int = Field(default=0, ge=0)
-    factor: float = Field(default=1.3, gt=0)
+    The controller is taken to make up for it, so that the drive stays as it is.
+    """
+
+    extra_ohm: float = 0.36
 
 
 class PlantedDefects(Settings):
     """Defects to plant, each a list of tables; they come in this order, so that each meets those before it.
 
-    The resistance alone changes the drive, and the truth with it; all others change the record of it.
+    They are in the record only: the drive and its truth stay as they are.
     """
 
     resistance: tuple[OtherResistance, ...] = ()

@@ -12,7 +12,7 @@ import numpy as np
 
 from maglev_offline.logs import surrogate_defect_settings as planted
 from maglev_offline.logs.surrogate_defect_settings import PlantedDefects
-from maglev_offline.logs.surrogate_record import MS, Index, Record, at_point, by_topic_in_time, in_stretch
+from maglev_offline.logs.surrogate_record import MS, Index, Record, at_point, by_topic_in_time, in_stretch, with_repeats
 from maglev_offline.streams import stream
 
 
@@ -36,18 +36,11 @@ class Planted:
     """Other messages that belong to it, such as those that a block repeats."""
 
 
-def resistance_factor(settings: PlantedDefects, log: int) -> float:
-    """How many times the declared resistance the coils of a log have."""
-    return float(np.prod([entry.factor for entry in settings.resistance if entry.log == log]))
-
-
 def plant_in_messages(
     record: Record, settings: PlantedDefects, seed: int, log: int, epoch_ns: int
 ) -> tuple[Record, list[Planted]]:
     """Plant all that is in values and messages, in the order of the settings; the record has true times."""
-    found = [
-        Planted("resistance", entry.model_dump(), record.number) for entry in settings.resistance if entry.log == log
-    ]
+    found = []
     for kind, plant in _IN_MESSAGES.items():
         for k, entry in enumerate(getattr(settings, kind)):
             if entry.log == log:
@@ -120,6 +113,13 @@ def _message(record: Record, k: int) -> dict[str, int]:
     }
 
 
+def _resistance(record: Record, entry: planted.OtherResistance, _: Scope) -> tuple[Record, Planted]:
+    rows = at_point(record, entry)
+    voltage = np.round((record.signal("voltage") + entry.extra_ohm * record.signal("current"))[rows], 9)
+    defect = Planted("resistance", entry.model_dump(), record.number[rows])
+    return record.with_values(rows, "voltage", voltage), defect
+
+
 def _seam(record: Record, entry: planted.Seam, scope: Scope) -> tuple[Record, Planted]:
     at = scope.epoch_ns + round(entry.at_s * 1e3) * MS
     skip = round(entry.skip_s * 1e3) * MS
@@ -159,9 +159,10 @@ def _duplicated_block(record: Record, entry: planted.DuplicatedBlock, scope: Sco
     for block in by_topic_in_time(record, in_stretch(record, entry, scope.epoch_ns)):
         again = by_topic.get(int(record.topic[block[0]]), block[:0])[: len(block)]
         source = block[: len(again)]
-        values[again] = record.values[source]
+        rows, which = with_repeats(record, again)
+        values[rows] = record.values[source][which]
         sources.append(record.number[source])
-        copies.append(record.number[again])
+        copies.append(record.number[rows])
     numbers, original = (np.concatenate([np.empty(0, np.int64), *parts]) for parts in (copies, sources))
     defect = Planted("duplicated_block", entry.model_dump(), numbers, more={"original": original})
     return replace(record, values=values), defect
@@ -175,7 +176,7 @@ def _stuck(record: Record, entry: planted.StuckSensor, scope: Scope) -> tuple[Re
 
 
 def _spikes(record: Record, entry: planted.Spikes, scope: Scope) -> tuple[Record, Planted]:
-    rows = _drawn(record, entry, scope)
+    rows, _ = with_repeats(record, _drawn(record, entry, scope))
     spiked = np.round(record.signal(entry.signal)[rows] + entry.size, 9)
     defect = Planted("spikes", entry.model_dump(), record.number[rows], each=True)
     return record.with_values(rows, entry.signal, spiked), defect
@@ -226,6 +227,7 @@ def _wrong_unit(record: Record, entry: planted.WrongUnit, _: Scope) -> tuple[Rec
 
 
 _IN_MESSAGES: Mapping[str, Any] = {
+    "resistance": _resistance,
     "seam": _seam,
     "duplicated_block": _duplicated_block,
     "stuck": _stuck,

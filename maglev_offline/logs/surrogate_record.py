@@ -93,7 +93,22 @@ def in_stretch(record: Record, entry: Any, epoch_ns: int) -> Mask:
 
 
 def by_topic_in_time(record: Record, rows: Mask) -> list[Index]:
-    """The rows of each topic in order of the time at which the sensor was read."""
+    """The messages of each topic in order of the time at which the sensor was read, each once where it was repeated."""
     order = np.argsort(record.taken_ns, kind="stable")
     order = order[rows[order]]
-    return [order[record.topic[order] == topic] for topic in np.unique(record.topic[order])]
+    found = []
+    for topic in np.unique(record.topic[order]):
+        mine = order[record.topic[order] == topic]
+        _, first = np.unique(np.stack([record.taken_ns[mine], record.sequence[mine]]), axis=1, return_index=True)
+        found.append(mine[np.sort(first)])
+    return found
+
+
+def with_repeats(record: Record, rows: Index) -> tuple[Index, Index]:
+    """All messages that are these or repeat one of them, in order of arrival, and for each which of `rows` it is."""
+    columns = np.stack([record.topic, record.sequence, record.taken_ns])
+    _, kind = np.unique(columns, axis=1, return_inverse=True)
+    place = np.full(int(kind.max(initial=-1)) + 1, -1)
+    place[kind[rows]] = np.arange(len(rows))
+    of = place[kind]
+    return np.flatnonzero(of >= 0), of[of >= 0]

@@ -196,7 +196,7 @@ class Walk:
         doubtful = self._start_of_message_before(at)
         opcodes = self._salvageable(at, end) if chunked is None else IN_CHUNKED
         found = end
-        if opcodes and self._holes < MOST_HOLES:
+        if self._holes < MOST_HOLES:
             channels = self.channels.keys() if opcodes is IN_LOOSE else ()
             found = next_record(self.source, doubtful + 1, end, opcodes, channels)
         self._holes += 1
@@ -211,7 +211,7 @@ class Walk:
         return found
 
     def _salvageable(self, at: int, end: int) -> tuple[int, ...]:
-        """What may be looked for behind the nonsense at `at`; nothing where it cannot be told whether there are chunks."""
+        """What to look for behind the nonsense at `at`: messages only where it is sure that they lie outside chunks."""
         if self._chunks_seen or self._is_cut_chunk(at):
             return IN_CHUNKED
         if self._loose_seen:
@@ -220,7 +220,7 @@ class Walk:
             return IN_CHUNKED
         # The end of the file would tell of chunks.
         whole = self.source.read_at(self.source.size - len(MAGIC), len(MAGIC)) == MAGIC
-        return IN_LOOSE if whole else ()
+        return IN_LOOSE if whole else IN_CHUNKED
 
     def _is_cut_chunk(self, at: int) -> bool:
         try:

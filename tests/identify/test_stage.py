@@ -91,9 +91,7 @@ def test_a_plant_file_that_is_not_there_and_a_whole_recipe(tmp_path, levitator):
 def test_the_real_recordings_refute_the_declared_resistance(tmp_path, levitador):
     recipe = load_recipe(RECIPE)
     workspace = Workspace(tmp_path)
-    ingest_logs(
-        sorted(levitador.glob("*.mcap")), workspace, signals=recipe.signals, settings=recipe.ingest, plant=recipe.plant
-    )
+    ingest_logs(sorted(levitador.glob("*.mcap")), workspace, recipe.request)
     folder, _ = run_identify(workspace, workspace.list("samples"), recipe.plant, IdentifySettings())
     sentence, _, facts = summary(folder)
     check = facts["voltage_check"]

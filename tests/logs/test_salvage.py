@@ -242,8 +242,8 @@ class TestDataCheckSum:
 class TestNothingIsInvented:
     @pytest.mark.parametrize("compression", COMPRESSIONS)
     def test_every_third_byte_flipped(self, containers, tmp_path, compression):
-        made = containers.messages(40)
-        path = containers.write(tmp_path / "a.mcap", made, compression=compression, chunk_size=600)
+        made = containers.messages(25)
+        path = containers.write(tmp_path / "a.mcap", made, compression=compression, chunk_size=400)
         whole = path.read_bytes()
         for k in range(9, len(whole), 3):
             read = containers.read_content(whole[:k] + bytes([whole[k] ^ 0xFF]) + whole[k + 1 :])
@@ -253,7 +253,7 @@ class TestNothingIsInvented:
 
     @pytest.mark.parametrize("data_crc", [True, False])
     def test_every_third_byte_flipped_of_an_unchunked_file(self, containers, tmp_path, data_crc):
-        made = containers.messages(40)
+        made = containers.messages(25)
         path = containers.write(tmp_path / "a.mcap", made, chunked=False, enable_data_crcs=data_crc)
         whole = path.read_bytes()
         for k in range(9, len(whole), 3):

@@ -12,6 +12,7 @@ from maglev_offline.control.settings import ControlSettings
 from maglev_offline.control.stage import run_control
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.curate.stage import curate
+from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.store import ingest_logs
 from maglev_offline.logs.surrogate import generate
 from maglev_offline.logs.surrogate_settings import SurrogateSettings
@@ -45,7 +46,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("report")
     workspace, recipe = Workspace(home / "workspace"), RECIPE
     logs = generate(home / "logs", plant=recipe.plant, mdp=recipe.mdp, settings=recipe.surrogate)
-    ingest_logs(logs, workspace, signals=None, settings=recipe.ingest, plant=recipe.plant)
+    ingest_logs(logs, workspace, Request(settings=recipe.ingest, plant=recipe.plant))
     curate(workspace, recipe.curate, recipe.plant, recipe.mdp)
     run_control(workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control)
     run_transfer(workspace, recipe.world, recipe.transfer, recipe.prefill, recipe.control)

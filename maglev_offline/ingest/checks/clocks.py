@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from maglev_offline.ingest.checks.codes import make
 from maglev_offline.ingest.checks.settings import CheckSettings
-from maglev_offline.ingest.checks.timing import Timing
+from maglev_offline.ingest.checks.timing import FARTHEST_NS, Timing, countable
 from maglev_offline.ingest.clock import NS_PER_MS
 from maglev_offline.ingest.findings import Finding
-from maglev_offline.logs.columns import NO_TIME, ChannelColumns
+from maglev_offline.logs.columns import ChannelColumns
 
 Index = NDArray[np.int64]
 Name = tuple[str, str, str]
@@ -35,7 +35,7 @@ def compare(name: Name, columns: ChannelColumns, timing: Timing, settings: Check
         return Delays(found, late)
     whole = len(timing) == len(columns)
     log, publish = (times if whole else times[timing.row] for times in (columns.log_time_ns, columns.publish_time_ns))
-    published = bool(publish.all()) and NO_TIME not in (publish.min(), log.min())
+    published = bool(publish.all()) and countable(publish) and countable(log)
     if published:
         delay = log - publish
         if delay.any():
@@ -45,8 +45,8 @@ def compare(name: Name, columns: ChannelColumns, timing: Timing, settings: Check
             found += more + _drift(name, "log time and publish time", delay, timing, settings)
     if columns.clock_ns is not None:
         stamp = columns.clock_ns if whole else columns.clock_ns[timing.row]
-        if len(stamp) and stamp.min() != NO_TIME:
-            other, words = (publish, "publish time") if published else (log, "log time")
+        other, words = (publish, "publish time") if published else (log, "log time")
+        if countable(stamp) and countable(other):
             difference, jumps = _without_jumps(other - stamp, timing, settings)
             clocks = f"{words} and header stamp"
             found += _jump(name, clocks, jumps, timing) + _drift(name, clocks, difference, timing, settings)
@@ -78,7 +78,7 @@ def _without_jumps(difference: Index, timing: Timing, settings: CheckSettings) -
             at = low + _best_split(beyond)
             before, after = difference[max(at - 50, low) : at], difference[at : at + 50]
             step = float(np.median(after) - np.median(before)) if len(before) and len(after) else 0.0
-            if abs(step) > least:
+            if least < abs(step) < FARTHEST_NS:
                 jumps.append(_Jump(at, step))
                 difference[at:] -= round(step)
     for reset in timing.resets.tolist():
@@ -87,7 +87,7 @@ def _without_jumps(difference: Index, timing: Timing, settings: CheckSettings) -
         usual = float(np.median(difference))
         back = _way_back(reset, timing)
         odd = np.abs(difference[near] - usual + back) < max(0.05 * back, 6 * timing.period_ns)
-        if odd.any() and back > 2 * timing.period_ns:
+        if odd.any() and 2 * timing.period_ns < back < FARTHEST_NS:
             difference = difference.copy()
             difference[near] += np.where(odd, round(back), 0)
     return difference, jumps

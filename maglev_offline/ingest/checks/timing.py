@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from maglev_offline.ingest import clock
 from maglev_offline.ingest.findings import MOST_PLACES, Place
 from maglev_offline.ingest.settings import IngestSettings
-from maglev_offline.logs.columns import NO_TIME, ChannelColumns
+from maglev_offline.logs.columns import ChannelColumns
 from maglev_offline.logs.signals import Clock
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+FARTHEST_NS = 2**62
+"""Differences of times within this of 1970 (to the year 2116) fit into an int64; a log may claim any others."""
+
 
 @dataclass(frozen=True)
 class Timing:
-    """Messages that have a time, n of them. All arrays but `steps_ns` have shape [n].
+    """Messages that have a time to count with, n of them. All arrays but `steps_ns` have shape [n].
 
     `t_ns`, `message` (the place within the topic), `epoch` and `row` (the place in the columns) are in file order,
     `order` sorts by epoch and time. `steps_ns` [n-1] are the steps in that order; one across a reset is 0. `period_ns`
@@ -58,9 +61,9 @@ def timing(columns: ChannelColumns, used: Clock, settings: IngestSettings, messa
     times = clock.choose(columns, used)
     number = np.arange(len(times)) if message is None else message
     row = np.arange(len(times))
-    # The least time is NO_TIME only where one is missing: one pass in the usual case.
-    if len(times) and times.min() == NO_TIME:
-        row = np.flatnonzero(times != NO_TIME)
+    # NO_TIME is one of those that cannot be counted with: two passes in the usual case.
+    if not countable(times):
+        row = np.flatnonzero((times > -FARTHEST_NS) & (times < FARTHEST_NS))
         times, number = times[row], number[row]
     steps = np.diff(times)
     in_order = len(steps) == 0 or int(steps.min()) >= 0
@@ -77,6 +80,11 @@ def timing(columns: ChannelColumns, used: Clock, settings: IngestSettings, messa
         steps = np.diff(times[order])
         steps[resets - 1] = 0
     return Timing(times, number, row, epoch, order, in_order, steps, period_of(steps), resets)
+
+
+def countable(t_ns: Index) -> bool:
+    """Whether every time is there and lies within `FARTHEST_NS`."""
+    return len(t_ns) == 0 or (int(t_ns.min()) > -FARTHEST_NS and int(t_ns.max()) < FARTHEST_NS)
 
 
 def period_of(steps_ns: Index) -> float:

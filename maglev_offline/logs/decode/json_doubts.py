@@ -14,7 +14,8 @@ _WINDOW = 300
 
 _MOST_BLANKS = 8
 _BLANKS = np.frombuffer(b" \t\r\n", dtype=np.uint8)
-_AFTER_NOUGHT = np.frombuffer(b".eE0123456789", dtype=np.uint8)
+_BEFORE_VALUE = np.frombuffer(b":,[ \t\r\n", dtype=np.uint8)
+_AFTER_VALUE = np.frombuffer(b"},] \t\r\n", dtype=np.uint8)
 _STRING = re.compile(rb'"(?:[^"\\]|\\.)*"?', re.DOTALL)
 
 
@@ -54,11 +55,12 @@ def _spelled_otherwise(block: Block, raw: bytes) -> Flags:
     """Arrow takes Inf and -NaN, which Python does not, and gives a sign to the integer -0."""
     text, places = block.text, []
     if b"I" in raw:
-        places += [found.start() for found in re.finditer(rb"Inf(?!inity)", raw)]
+        places += [found.start() for found in re.finditer(rb"(?<=[-:,\[\s])Inf(?!inity)", raw)]
     if b"N" in raw:
         places += [found.start() for found in re.finditer(rb"-NaN", raw)]
     noughts = np.flatnonzero((text[:-2] == ord("-")) & (text[1:-1] == ord("0")))
-    noughts = noughts[~np.isin(text[noughts + 2], _AFTER_NOUGHT)]
+    alone = np.isin(text[noughts - 1], _BEFORE_VALUE) & np.isin(text[noughts + 2], _AFTER_VALUE)
+    noughts = noughts[alone]
     return block.rows_at(np.concatenate((np.array(places, dtype=np.int64), noughts)))
 
 

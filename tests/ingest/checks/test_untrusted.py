@@ -14,7 +14,7 @@ values = arrays.arrays(np.float64, _N, elements=st.floats(allow_nan=True) | st.s
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@hypothesis_settings(deadline=None, max_examples=150)
+@hypothesis_settings(deadline=None, max_examples=60)
 @given(log=times, publish=times, sequence=numbers, gap=values, current=values)
 def test_any_topic_can_be_checked(checked, topics, log, publish, sequence, gap, current):
     columns = topics.columns(_N, log_time_ns=log, publish_time_ns=publish, sequence=sequence)
@@ -25,7 +25,7 @@ def test_any_topic_can_be_checked(checked, topics, log, publish, sequence, gap, 
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@hypothesis_settings(deadline=None, max_examples=100)
+@hypothesis_settings(deadline=None, max_examples=60)
 @given(gap=values, current=values, voltage=values, cut=st.integers(0, _N))
 def test_any_point_can_be_checked(samples, point_codes, gap, current, voltage, cut):
     segment = (np.arange(_N) >= cut).astype(int)

@@ -211,6 +211,18 @@ def test_sequences_in_sequences_do_not_multiply():
     assert not found.sure.any()
 
 
+def test_a_type_without_members_takes_one_byte():
+    types = {
+        "a/A": [ros2.Field("before", "a/Nothing"), ros2.Field("x", "uint8"), ros2.Field("behind", "a/Nothing")],
+        "a/Nothing": [],
+    }
+    whole = ros2.encode(types, "a/A", {"before": {}, "x": 7, "behind": {}}, "<")
+    assert whole == bytes([0, 1, 0, 0, 0, 7, 0])
+    _, found = decode("a/A", ros2.schema_text(types), [whole, whole[:-1]], ["x"])
+    assert found.values[0, 0] == number(library("a/A", ros2.schema_text(types))(whole).x) == 7.0
+    assert found.sure.tolist() == [True, False]
+
+
 def test_bits_of_a_nan_are_kept():
     bits = np.array([0x7FF8000000000000, 0x7FF0000000000001, 0xFFF8DEADBEEF0001], dtype="<u8")
     messages = [bytes([0, 1, 0, 0]) + one.tobytes() for one in bits]

@@ -312,6 +312,13 @@ def test_strings_of_any_language_are_passed_over(kind):
     assert checked(kind, texts, Wanted((("gap",),))).all()
 
 
+def test_a_key_that_begins_like_a_number_that_is_none_raises_no_doubt():
+    texts = [b'{"Info":%d,"NaN-NaN":{"Inf":1e3},"motor-0":0,"-0":1}' % k for k in range(100)]
+    assert checked(ArrowJson, texts, Wanted((("Info",), ("NaN-NaN", "Inf")))).mean() == 0
+    texts = [text.replace(b"NaN-NaN", b"NaN") for text in texts]
+    assert checked(ArrowJson, texts, Wanted((("Info",), ("NaN", "Inf"), ("-0",)))).all()
+
+
 def test_a_rare_broken_message_costs_only_itself():
     texts = messages(4000)
     for row in (5, 1000, 1001, 3999):
