@@ -7,17 +7,21 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from maglev_offline.logs.columns import NO_TIME
+
 _N = 40
-times = arrays.arrays(np.int64, _N, elements=st.integers(-(2**63), 2**63 - 1) | st.integers(0, 10**10))
+# What the reader can give: times from 1970 to 2262 or none. A stamp inside the messages may be anything.
+times = arrays.arrays(np.int64, _N, elements=st.integers(0, 2**63 - 1) | st.integers(0, 10**10) | st.just(NO_TIME))
+stamps = arrays.arrays(np.int64, _N, elements=st.integers(-(2**63), 2**63 - 1) | st.integers(0, 10**10))
 numbers = arrays.arrays(np.int64, _N, elements=st.integers(0, 2**32 - 1) | st.integers(0, 50))
 values = arrays.arrays(np.float64, _N, elements=st.floats(allow_nan=True) | st.sampled_from([0.0, 0.008, 17.0]))
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @hypothesis_settings(deadline=None, max_examples=60)
-@given(log=times, publish=times, sequence=numbers, gap=values, current=values)
-def test_any_topic_can_be_checked(checked, topics, log, publish, sequence, gap, current):
-    columns = topics.columns(_N, log_time_ns=log, publish_time_ns=publish, sequence=sequence)
+@given(log=times, publish=times, stamp=stamps, sequence=numbers, gap=values, current=values)
+def test_any_topic_can_be_checked(checked, topics, log, publish, stamp, sequence, gap, current):
+    columns = topics.columns(_N, log_time_ns=log, publish_time_ns=publish, sequence=sequence, clock_ns=stamp)
     columns.values.update(gap=gap, current=current)
     for findings in checked(columns).values():
         for finding in findings:
