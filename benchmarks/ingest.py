@@ -294,7 +294,7 @@ def options(arguments: list[str] | None) -> argparse.Namespace:
     if chosen.peer_messages is None:
         chosen.peer_messages = chosen.messages // 10 if chosen.quick else chosen.messages
     if chosen.growth_messages is None:
-        chosen.growth_messages = 150_000 if chosen.quick else 1_200_000
+        chosen.growth_messages = 120_000 if chosen.quick else 1_200_000
     if chosen.rounds is None:
         chosen.rounds = 3 if chosen.quick else 5
     for name, least in (("messages", 600), ("peer_messages", 600), ("growth_messages", 0), ("rounds", 1)):

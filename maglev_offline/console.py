@@ -9,8 +9,17 @@ from typing import Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
+from rich.text import Text
 
 from maglev_offline.errors import MaglevOfflineError
 from maglev_offline.progress import Ticker
@@ -96,16 +105,44 @@ class Talk:
 
     @contextmanager
     def _lines(self, title: str, total: int, unit: str) -> Iterator[Ticker]:
-        done, last = 0, time.monotonic()
+        done, began = 0, time.monotonic()
+        last = began
 
         def tick(more: int) -> None:
             nonlocal done, last
             done += more
-            if time.monotonic() - last >= SECONDS_BETWEEN_LINES:
-                last = time.monotonic()
-                self.say(f"{title}: {done:,} of {total:,} {unit} ({done / max(total, 1):.0%})")
+            now = time.monotonic()
+            if now - last >= SECONDS_BETWEEN_LINES:
+                last = now
+                share = f"{done / max(total, 1):.0%}{_pace(done, total, unit, now - began)}"
+                self.say(f"{title}: {done:,} of {total:,} {unit} ({share})")
 
         yield tick
+
+
+def _pace(done: int, total: int, unit: str, seconds: float) -> str:
+    """Units per second and the time left, once there is something to tell it by."""
+    if not done or seconds <= 0:
+        return ""
+    rate = done / seconds
+    return f", {rate:,.3g} {unit}/s, {_clock((total - done) / rate)} left"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(max(seconds, 0.0)), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
+
+class _Rate(ProgressColumn):
+    """Units per second."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def render(self, task: Task) -> Text:
+        """The rate of late, empty as long as there is none."""
+        return Text(f"{task.speed:,.3g} {self._unit}/s" if task.speed else "", style="progress.data.speed")
 
 
 @contextmanager
@@ -115,7 +152,7 @@ def _mute() -> Iterator[Ticker]:
 
 @contextmanager
 def _bar(console: Console, title: str, total: int, unit: str) -> Iterator[Ticker]:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(unit))
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(unit), _Rate(unit))
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         bar = progress.add_task(title, total=total)
 

@@ -7,6 +7,9 @@ from typing import Any
 from maglev_offline.ingest.store import LogOutcome
 
 LOG_COLUMNS = ("log", "status", "messages", "used", "quarantined", "samples", "segments")
+MOST_UNCHANGED_ROWS = 20
+"""Of more logs than these, the unchanged ones are told in one line: a table of a thousand takes a second to lay out."""
+
 _LOG_COUNTS = ("messages", "messages_used", "messages_quarantined", "rows", "segments")
 
 
@@ -47,10 +50,12 @@ class Ingested:
         return [log for log in self.logs if log.status == "refused"]
 
     def rows(self) -> list[list[str]]:
-        """One row of `LOG_COLUMNS` for each log."""
+        """One row of `LOG_COLUMNS` for each log; of many, those that were there already, unchanged, have none."""
+        many = len(self.logs) > MOST_UNCHANGED_ROWS
         return [
             [log.name, log.status, *(f"{log.counts[key]:,}" if key in log.counts else "-" for key in _LOG_COUNTS)]
             for log in self.logs
+            if not (many and log.status == "skipped")
         ]
 
     def plain(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from maglev_offline.control.settings import ControlSettings
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import RecipeError
 from maglev_offline.identify.settings import IdentifySettings
-from maglev_offline.ingest.checks.settings import CheckSettings
+from maglev_offline.ingest.check_settings import CheckSettings
 from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.select import Selection
 from maglev_offline.ingest.settings import IngestSettings

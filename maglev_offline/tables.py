@@ -1,13 +1,17 @@
 """Tables to Parquet, the same bytes for the same table."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+
+if TYPE_CHECKING:  # pandas takes half a second to import, and a run that finds all unchanged needs none
+    import pandas as pd
 
 ROW_GROUP = 2**18
 """Rows of a row group of a long table."""
@@ -15,7 +19,7 @@ ROW_GROUP = 2**18
 
 def write_parquet(table: pa.Table | pd.DataFrame, path: Path) -> None:
     """Write a table with zstd compression and without pandas' own metadata, which names its version."""
-    if isinstance(table, pd.DataFrame):
+    if not isinstance(table, pa.Table):
         table = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata()
     pq.write_table(table, path, compression="zstd")
 
@@ -41,7 +45,7 @@ class ParquetSink:
             self._waiting = [joined.slice(ROW_GROUP)]
             self._rows -= ROW_GROUP
 
-    def __enter__(self) -> "ParquetSink":
+    def __enter__(self) -> ParquetSink:
         return self
 
     def __exit__(

@@ -14,6 +14,7 @@ from maglev_offline.cli.options import (
     RecipeOption,
     WorkspaceOption,
     cores,
+    on_workspace,
     open_session,
     with_options,
 )
@@ -21,11 +22,11 @@ from maglev_offline.cli.options import (
 
 def add_commands(app: typer.Typer) -> None:
     """Put the commands on data into `app`."""
-    app.command(epilog="Example: maglev-offline surrogate logs --logs 3 --duration-s 600")(surrogate)
-    app.command(epilog="Example: maglev-offline inspect logs/*.mcap")(inspect)
-    app.command(epilog="Example: maglev-offline ingest logs/*.mcap")(ingest)
-    app.command(epilog="Example: maglev-offline curate --recipe pipelines/changsha.toml")(curate)
-    app.command(epilog="Example: maglev-offline prefill --algo ddpg")(prefill)
+    app.command(epilog="Example: maglev-offline surrogate logs --logs 3 --duration-s 600")(on_workspace(surrogate))
+    app.command(epilog="Example: maglev-offline inspect logs/*.mcap")(on_workspace(inspect))
+    app.command(epilog="Example: maglev-offline ingest logs/*.mcap")(on_workspace(ingest))
+    app.command(epilog="Example: maglev-offline curate --recipe pipelines/changsha.toml")(on_workspace(curate))
+    app.command(epilog="Example: maglev-offline prefill --algo ddpg")(on_workspace(prefill))
 
 
 Logs = Annotated[list[str], typer.Argument(help="MCAP files, folders of them, or patterns.")]
@@ -157,9 +158,7 @@ def ingest(
         done = pipeline.would_ingest(session.recipe, found, cores(jobs), session.talk, merge=merge)
     else:
         with session.at_work("ingest"):
-            done = pipeline.ingest(
-                session.recipe, session.workspace, found, cores(jobs), session.talk, merge=merge
-            )
+            done = pipeline.ingest(session.recipe, session.workspace, found, cores(jobs), session.talk, merge=merge)
     session.talk.table("Logs", list(LOG_COLUMNS), done.rows())
     session.talk.result(done.plain(), *done.lines())
     if done.refused:

@@ -14,6 +14,7 @@ from maglev_offline.cli.options import (
     Session,
     WorkspaceOption,
     cores,
+    on_workspace,
     open_session,
     with_options,
 )
@@ -24,10 +25,12 @@ Steps = Annotated[int | None, typer.Option("--steps", min=1, help="Decisions in 
 
 def add_commands(app: typer.Typer) -> None:
     """Put the commands on the plant and on learning into `app`."""
-    app.command(epilog="Example: maglev-offline control --recipe pipelines/changsha.toml")(control)
-    app.command(epilog="Example: maglev-offline identify --recipe pipelines/levitator.toml")(identify)
-    app.command(epilog="Example: maglev-offline train --algo td3 --arm empty --seeds 4 --steps 5000")(train)
-    app.command(epilog="Example: maglev-offline transfer --seeds 8 --steps 5000")(transfer)
+    app.command(epilog="Example: maglev-offline control --recipe pipelines/changsha.toml")(on_workspace(control))
+    app.command(epilog="Example: maglev-offline identify --recipe pipelines/levitator.toml")(on_workspace(identify))
+    app.command(epilog="Example: maglev-offline train --algo td3 --arm empty --seeds 4 --steps 5000")(
+        on_workspace(train)
+    )
+    app.command(epilog="Example: maglev-offline transfer --seeds 8 --steps 5000")(on_workspace(transfer))
 
 
 def _resized(session: Session, seeds: int | None, steps: int | None) -> Session:

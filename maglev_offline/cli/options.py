@@ -1,10 +1,11 @@
 """Options that every command shares, and the session that they open."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
 import typer
 
@@ -18,8 +19,10 @@ RecipeOption = Annotated[
     typer.Option("--recipe", "-r", help="Recipe (TOML). Default: the one the workspace was last given."),
 ]
 WorkspaceOption = Annotated[
-    Path,
-    typer.Option("--workspace", "-w", help="Folder of the artefacts.", envvar="MAGLEV_OFFLINE_WORKSPACE"),
+    str,
+    typer.Option(
+        "--workspace", "-w", help="Folder or address (s3://...) of the artefacts.", envvar="MAGLEV_OFFLINE_WORKSPACE"
+    ),
 ]
 PlantOption = Annotated[
     Path | None,
@@ -31,7 +34,7 @@ JobsOption = Annotated[
     int | None, typer.Option("--jobs", "-j", min=1, help="Processes; the bytes are the same. [default: all cores]")
 ]
 
-HERE = Path("workspace")
+HERE = "workspace"
 """The default workspace."""
 
 
@@ -57,7 +60,7 @@ class Session:
 
 def open_session(
     recipe: Path | None,
-    workspace: Path,
+    workspace: str,
     as_json: bool,
     quiet: bool,
     plant: Path | None = None,
@@ -72,7 +75,8 @@ def open_session(
     from maglev_offline.recipe import Recipe, load_recipe, recall
     from maglev_offline.workspace import Workspace
 
-    found = load_recipe(recipe) if recipe is not None else recall(workspace) or Recipe()
+    root = Path(workspace)
+    found = load_recipe(recipe) if recipe is not None else recall(root) or Recipe()
     talk = Talk(as_json=as_json, quiet=quiet)
     if recipe is None and found.name != "defaults":
         talk.say(f"recipe: {found.name} (remembered by {workspace})")
@@ -80,7 +84,31 @@ def open_session(
         from maglev_offline.identify.plants import load_plant
 
         found = found.model_copy(update={"plant": load_plant(plant)})
-    return Session(found, Workspace(workspace, rehash=rehash), talk, found if recipe is not None or plant is not None else None)
+    given = found if recipe is not None or plant is not None else None
+    return Session(found, Workspace(root, rehash=rehash), talk, given)
+
+
+Command = ParamSpec("Command")
+
+
+def on_workspace(command: Callable[Command, None]) -> Callable[Command, None]:
+    """Let a command work in a local mirror where its workspace is an address; what it made is brought there."""
+
+    @wraps(command)
+    def run(*args: Command.args, **kwargs: Command.kwargs) -> None:
+        where: Any = kwargs["workspace"]
+        if "://" not in where:
+            command(*args, **kwargs)
+            return
+        from maglev_offline.console import Talk
+        from maglev_offline.remote import open_workspace
+
+        talk = Talk(as_json=bool(kwargs["as_json"]), quiet=bool(kwargs["quiet"]))
+        with open_workspace(where, command=command.__name__, progress=talk) as root:
+            kwargs["workspace"] = str(root)
+            command(*args, **kwargs)
+
+    return run
 
 
 def with_options(session: Session, table: str, **given: int | float | str | list[str] | None) -> Session:

@@ -14,14 +14,15 @@ from maglev_offline.cli.options import (
     RecipeOption,
     WorkspaceOption,
     cores,
+    on_workspace,
     open_session,
 )
 
 
 def add_commands(app: typer.Typer) -> None:
     """Put `report` and `run` into `app`."""
-    app.command(epilog="Example: maglev-offline report")(report)
-    app.command(epilog="Example: maglev-offline run pipelines/quickstart.toml")(run)
+    app.command(epilog="Example: maglev-offline report")(on_workspace(report))
+    app.command(epilog="Example: maglev-offline run pipelines/quickstart.toml")(on_workspace(run))
 
 
 def report(

@@ -82,7 +82,9 @@ def _place(place: Place) -> str:
             parts.append(f"to {_time(place.end_ns)}")
     if place.first_message is not None:
         last = place.last_message
-        parts.append(f"message {place.first_message:,}" + (f"-{last:,}" if last not in (None, place.first_message) else ""))
+        parts.append(
+            f"message {place.first_message:,}" + (f"-{last:,}" if last not in (None, place.first_message) else "")
+        )
     if place.byte_offset is not None:
         parts.append(f"byte {place.byte_offset:,}")
     return " ".join(parts)

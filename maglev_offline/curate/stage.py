@@ -1,11 +1,12 @@
 """The stage: samples in the workspace -> the curated transitions, with a report of what balance changed."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from maglev_offline.curate.balance import (
     balanced_choice,
@@ -14,9 +15,7 @@ from maglev_offline.curate.balance import (
     importance_weights,
     occupancy,
 )
-from maglev_offline.curate.plausibility import implausible
 from maglev_offline.curate.settings import CurateSettings
-from maglev_offline.curate.transitions import STATE, transitions_of, unusable
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.store import load_samples
 from maglev_offline.mdp import Mdp
@@ -24,7 +23,10 @@ from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import SILENT, Progress
 from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
-from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
+from maglev_offline.workspace import Manifest, Workspace, fingerprint
+
+if TYPE_CHECKING:  # pandas takes half a second to import, and a run that finds all unchanged needs none
+    import pandas as pd
 
 
 def curate(
@@ -54,11 +56,13 @@ def curate(
             where=str(workspace.root),
             todo="Run `maglev-offline ingest LOGS...` first.",
         )
-    inputs = {f"samples/{folder.name}": input_hash(folder) for folder in folders}
+    inputs = {f"samples/{folder.name}": workspace.input_hash(folder) for folder in folders}
     home = workspace.path("transitions")
     mark = fingerprint("curate", inputs, settings, plant, mdp)
     if workspace.is_current(home, mark):
         return home, False
+
+    from maglev_offline.curate.plausibility import implausible
 
     samples = load_samples(folders)
     found = _usable(samples, workspace, plant, mdp)
@@ -93,6 +97,8 @@ class _Usable(NamedTuple):
 
 
 def _usable(samples: pd.DataFrame, workspace: Workspace, plant: Plant, mdp: Mdp) -> _Usable:
+    from maglev_offline.curate.transitions import transitions_of, unusable
+
     where = str(workspace.path("samples"))
     table = transitions_of(samples, plant, mdp)
     if table.empty:
@@ -145,6 +151,8 @@ def _listing(reason: pd.Series) -> str:
 
 
 def _cells(table: pd.DataFrame, settings: CurateSettings) -> np.ndarray:
+    from maglev_offline.curate.transitions import STATE
+
     bins = (settings.bins_gap, settings.bins_velocity, settings.bins_current, settings.bins_voltage)
     return cells_of(table[[*STATE, "voltage_deviation_v"]].to_numpy(), bins, settings.edge_quantile)
 

@@ -3,27 +3,34 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_offline.logs.columns import ChannelColumns
+from maglev_offline.logs.columns import NO_TIME, ChannelColumns
 from maglev_offline.logs.signals import Clock
 
 NS_PER_MS = 1_000_000
 
 Times = NDArray[np.int64]
 
+_FARTHEST_NS = 2**62
+
 
 def choose(columns: ChannelColumns, clock: Clock) -> Times:
     """Return the messages' times by the chosen clock, shape [n], ns; `NO_TIME` where a header has no stamp.
 
-    Where a sender left the publish time at 0, the log time stands in, as the MCAP specification has it.
+    Where a sender left the publish time at 0, the log time stands in, as the MCAP specification has it. A time that is
+    146 years or more away from 1970 is no time either: differences of two such do not fit into 64 bits.
     """
-    if clock == "publish_time":
-        unset = columns.publish_time_ns == 0
-        return np.where(unset, columns.log_time_ns, columns.publish_time_ns) if unset.any() else columns.publish_time_ns
     if clock == "header":
         if columns.clock_ns is None:
             raise ValueError("the header clock was not read")
-        return columns.clock_ns
-    return columns.log_time_ns
+        times = columns.clock_ns
+    elif clock == "publish_time":
+        unset = columns.publish_time_ns == 0
+        times = columns.publish_time_ns
+        times = np.where(unset, columns.log_time_ns, times) if unset.any() else times
+    else:
+        times = columns.log_time_ns
+    far = (times > _FARTHEST_NS) | (times < -_FARTHEST_NS)
+    return np.where(far, NO_TIME, times) if far.any() else times
 
 
 def epochs(t_ns: Times, reorder_ns: int) -> NDArray[np.int32]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from maglev_offline.ingest.checks.settings import CheckSettings
+from maglev_offline.ingest.check_settings import CheckSettings
 from maglev_offline.ingest.ledger import RULE_VERSION
 from maglev_offline.ingest.select import Selection
 from maglev_offline.ingest.settings import IngestSettings

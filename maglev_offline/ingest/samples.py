@@ -1,17 +1,23 @@
 """The samples table: its columns and how they are written and read."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from maglev_offline.errors import ArtefactError
-from maglev_offline.ingest.points import PointSamples
 from maglev_offline.ingest.resample import ORIGINS
 from maglev_offline.tables import ParquetSink
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from maglev_offline.ingest.points import PointSamples
 
 _ORIGIN = pa.dictionary(pa.int8(), pa.string())
 _TIME = pa.timestamp("ns", tz="UTC")
@@ -94,6 +100,8 @@ def load_samples(folders: Iterable[Path]) -> pd.DataFrame:
     ------
     ArtefactError: a folder holds no samples that can be read.
     """
+    import pandas as pd
+
     tables = []
     for folder in folders:
         try:

@@ -1,24 +1,26 @@
 """The ingest stage: many logs to one artefact of samples each."""
 
+from __future__ import annotations
+
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
-
-import joblib
+from typing import TYPE_CHECKING, Any, Literal
 
 from maglev_offline.errors import ArtefactError, InputError, LogError
 from maglev_offline.filesystems import Where
 from maglev_offline.ingest.known_logs import hash_of_log
-from maglev_offline.ingest.log import IngestedLog, ingest_log
 from maglev_offline.ingest.merge import merged_sha256
 from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.samples import load_samples
 from maglev_offline.logs.source import open_source
 from maglev_offline.progress import SILENT, Progress
 from maglev_offline.workspace import Manifest, Workspace
+
+if TYPE_CHECKING:  # decoding is imported by those logs that are decoded
+    from maglev_offline.ingest.log import IngestedLog
 
 __all__ = ["KIND", "IngestResult", "LogOutcome", "ingest_logs", "load_samples", "log_id_of", "samples_made_with"]
 
@@ -73,7 +75,7 @@ def samples_made_with(workspace: Workspace, request: Request) -> tuple[list[Path
     """Folders of the samples that these settings made, and of those that others made and that do not go with them."""
     wanted = _meaning(request.tables())
     folders = workspace.list(KIND)
-    fits = [_meaning(Manifest.read(folder).settings) == wanted for folder in folders]
+    fits = [_meaning(workspace.manifest(folder).settings) == wanted for folder in folders]
     return (
         [folder for folder, fit in zip(folders, fits, strict=True) if fit],
         [folder for folder, fit in zip(folders, fits, strict=True) if not fit],
@@ -161,6 +163,8 @@ def dry_run(
     logs: Iterable[Where], request: Request, *, jobs: int = 1, merge: bool = False, progress: Progress = SILENT
 ) -> IngestResult:
     """Go through logs as `ingest_logs` would, and keep nothing."""
+    from maglev_offline.ingest.log import ingest_log
+
     ordered = sorted(dict.fromkeys(logs), key=lambda where: (_name(where), str(where)))
     outcomes: list[LogOutcome] = []
     for parts in [tuple(ordered)] if merge else [(where,) for where in ordered]:
@@ -229,6 +233,8 @@ def _work(
         (large if alone else small).append(task)
     with progress.task("ingest", len(tasks), "logs") as tick:
         if small:
+            import joblib  # only where there is something to do
+
             side_by_side = joblib.Parallel(n_jobs=jobs, return_as="generator")(
                 joblib.delayed(_ingest_one)(task, workspace, request) for task in small
             )
@@ -253,6 +259,8 @@ def is_large(where: Where) -> bool:
 def _ingest_one(
     task: _Task, workspace: Workspace, request: Request, jobs: int = 1, progress: Progress = SILENT
 ) -> LogOutcome:
+    from maglev_offline.ingest.log import ingest_log
+
     folder = workspace.path(KIND, task.log_id)
     manifest = Manifest(
         artefact=KIND,

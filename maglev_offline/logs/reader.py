@@ -1,7 +1,7 @@
 """The wanted fields of a log's messages as columns, decoded many at a time."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -18,7 +18,7 @@ from maglev_offline.logs.decode.library import ClockField, Decoders
 from maglev_offline.logs.decode.payloads import Payloads, Wanted
 from maglev_offline.logs.message_index import counts_of
 from maglev_offline.logs.scan import read_structure
-from maglev_offline.logs.slabs import ROWS, DiskSlab, MemorySlab, Slab, by_topic
+from maglev_offline.logs.slabs import ROWS, MemorySlab, Slab, by_topic
 from maglev_offline.logs.source import Source, open_source
 from maglev_offline.logs.structure import Damage, MessageTable, Span, Structure
 from maglev_offline.memory import keep_freed_memory
@@ -188,8 +188,8 @@ class _Groups:
             raise LogError(
                 f"the messages of topic {channel.topic} cannot be decoded: {error}.",
                 where=self._where,
-                todo="Encodings that can be: json, cdr with ros2msg, ros1 with ros1msg, protobuf. If it is one of these, "
-                "the schema is damaged: record the log again with whole message definitions.",
+                todo="Encodings that can be: json, cdr with ros2msg, ros1 with ros1msg, protobuf. If it is one of "
+                "these, the schema is damaged: record the log again with whole message definitions.",
             ) from None
 
     def add(self, data: NDArray[np.uint8], messages: MessageTable, counts: Mapping[int, int], first: int) -> int:

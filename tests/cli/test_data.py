@@ -10,7 +10,7 @@ STEMS = ["surrogate-01-pid-json", "surrogate-02-cascade-cdr", "surrogate-03-pid-
 
 
 def drafts(folder):
-    return [path for path in folder.rglob(".*") if path.name != ".lock"]
+    return [path for path in folder.rglob(".*") if path.name not in (".lock", ".known_hashes.json")]
 
 
 def hashes(workspace):

@@ -49,7 +49,7 @@ def test_each_log_is_an_artefact_of_its_own(run, workspace, logs):
 
 def test_what_is_there_unchanged_is_skipped_without_reading_it_again(run, logs, monkeypatch):
     first = run(logs)
-    monkeypatch.setattr("maglev_offline.ingest.store.ingest_log", lambda *_, **__: pytest.fail("decoded again"))
+    monkeypatch.setattr("maglev_offline.ingest.log.ingest_log", lambda *_, **__: pytest.fail("decoded again"))
     again = run(logs)
     assert [log.status for log in again.logs] == ["skipped"] * 3
     assert again.logs[0].counts == first.logs[0].counts

@@ -102,7 +102,7 @@ class ArrowJson:
         for shape in shapes:
             try:
                 table = _table(lines, shape.schema)
-            except pa.ArrowInvalid as error:
+            except pa.ArrowException as error:
                 named = _IN_ROW.search(str(error))
                 refused_row = int(named.group(1)) if named else -1
                 continue

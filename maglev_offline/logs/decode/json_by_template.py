@@ -50,7 +50,7 @@ class TemplateJson:
             block = Block(part(those, slice(first, last)), match.room)
             try:
                 sure = self._fill(match.read(block), template, found, rows[first:last])
-            except pa.ArrowInvalid:
+            except pa.ArrowException:
                 continue  # a number is none; the next rung finds out which
             matched[first + sure] = True
         return matched

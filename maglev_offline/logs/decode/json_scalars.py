@@ -168,7 +168,7 @@ class Scalars:
         number = self._number[:, source]
         try:
             stamps, sure = json_stamps.of_ints(self._parse(slice(source, source + 1), pa.int64())[:, 0], ns_per_unit)
-        except pa.ArrowInvalid:
+        except pa.ArrowException:
             stamps, sure = json_stamps.of_floats(self._floats[source], ns_per_unit)
         self.sure &= sure | ~number
         return np.where(number, stamps, NO_TIME)

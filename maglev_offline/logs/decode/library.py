@@ -96,11 +96,11 @@ def plain_ros1(text: str) -> bytes:
         line = raw.partition("#")[0].strip()
         if not line or "=" in line.replace("=" * 80, ""):
             continue
-        if line == "=" * 80:
-            kept.append(line)
-        elif line.startswith("MSG:") and _ROS1_NAME.fullmatch(line.removeprefix("MSG:").strip()):
-            kept.append(line)
-        elif _ROS1_FIELD.fullmatch(line):
+        if (
+            line == "=" * 80
+            or (line.startswith("MSG:") and _ROS1_NAME.fullmatch(line.removeprefix("MSG:").strip()))
+            or _ROS1_FIELD.fullmatch(line)
+        ):
             kept.append(line)
         else:
             raise ValueError(f"{line[:80]!r} is no line of a ROS 1 message definition")
