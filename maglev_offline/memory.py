@@ -23,3 +23,9 @@ def keep_freed_memory() -> bool:
     except (OSError, AttributeError):  # another C library
         return False
     return bool(mallopt(_M_MMAP_THRESHOLD, _LARGEST_MMAP_THRESHOLD) and mallopt(_M_TRIM_THRESHOLD, _TRIM_BYTES))
+
+
+def give_back() -> None:
+    """Return what is free to the system, for instance between two kinds of work."""
+    if keep_freed_memory():
+        ctypes.CDLL(None).malloc_trim(0)

@@ -18,6 +18,7 @@ from maglev_offline.cli.options import (
     open_session,
     with_options,
 )
+from maglev_offline.errors import InputError
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -94,6 +95,8 @@ def inspect(
     from maglev_offline.ingest.inputs import find_logs
     from maglev_offline.ingest.inspect_many import inspect_logs
 
+    if html is not None:
+        _refuse_page(html)
     session = open_session(recipe, workspace, as_json, quiet, plant)
     found = inspect_logs(find_logs(logs), session.recipe.request, jobs=cores(jobs), progress=session.talk)
     for one in found.logs:
@@ -103,23 +106,42 @@ def inspect(
     if html is not None:
         from maglev_offline.ingest.inspect_page import inspect_page
 
-        html.write_text(inspect_page([one.summary.as_dict() for one in found.logs], found.findings), encoding="utf-8")
+        html.write_text(
+            inspect_page([one.summary.as_dict() for one in found.logs], found.findings),
+            encoding="utf-8",
+            errors="backslashreplace",
+        )
         session.talk.lines(f"The page: {html}")
     session.talk.result(
         {
             "status": "refused" if found.refused else "done",
             "worst": found.worst,
             "logs": [
-                {**one.summary.as_dict(), "findings": [finding.plain() for finding in one.findings]}
+                {**one.summary.as_dict(), "findings": [views.plain_finding(finding) for finding in one.findings]}
                 for one in found.logs
             ],
-            "across": [finding.plain() for finding in found.across],
+            "across": [views.plain_finding(finding) for finding in found.across],
             "refused": [{"what": e.what, "where": e.where, "todo": e.todo} for e in found.refused],
         }
     )
     code = 2 if found.refused else found.exit_code(fail_on)
     if code:
         raise typer.Exit(code)
+
+
+def _refuse_page(html: Path) -> None:
+    """Before a thousand logs are looked at, not after.
+
+    Raises
+    ------
+    InputError: the page cannot lie there.
+    """
+    if html.is_dir():
+        raise InputError("this is a folder, and the page is a file.", where=str(html), todo="Give the name of a file.")
+    if not html.parent.is_dir():
+        raise InputError(
+            "there is no such folder.", where=str(html.parent), todo="Make it first, or give another path to --html."
+        )
 
 
 def ingest(

@@ -1,7 +1,9 @@
 """How a look at a log reads to a person."""
 
+import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from typing import Any
 
 from maglev_offline.ingest.findings import Finding, Place
 from maglev_offline.ingest.inspect import LogSummary
@@ -48,6 +50,14 @@ def remarks(log: LogSummary) -> list[str]:
     ]
     lines += [f"  left out: {point}, {why}" for point, why in log.points_left_out.items()]
     return lines
+
+
+def plain_finding(finding: Finding) -> dict[str, Any]:
+    """A finding for scripts. JSON has no infinite numbers, and what a log holds may overflow: they become null."""
+    plain = finding.plain()
+    numbers = plain["numbers"].items()
+    plain["numbers"] = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in numbers}
+    return plain
 
 
 _MOST_PLACES = 3

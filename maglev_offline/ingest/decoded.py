@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import joblib
@@ -99,11 +99,14 @@ def decode_parts(
             damages += [(number, damage) for damage in read.damages]
             tick(round(sum(span.length for span in spans) / 1e6))
     lost: list[Lost] = []
+    told: list[tuple[int, Damage]] = []
     for number, part in enumerate(parts):
         for channel_id, count in by_part[number].items():
             found[part.structure.channels[channel_id].topic] += count
-        lost += _lost(part.structure, by_part[number], [damage for at, damage in damages if at == number])
-    return DecodedLog(tuple(slabs), dict(sorted(found.items())), tuple(lost), dict(rungs), failures, tuple(damages))
+        own = _believable(part.structure.claimed, by_part[number], [d for at, d in damages if at == number])
+        lost += _lost(part.structure, by_part[number], own)
+        told += [(number, damage) for damage in own]
+    return DecodedLog(tuple(slabs), dict(sorted(found.items())), tuple(lost), dict(rungs), failures, tuple(told))
 
 
 _Work = tuple[int, Part, tuple[Span, ...]]
@@ -131,6 +134,32 @@ def _read(part: Part, spans: tuple[Span, ...], wanted: Mapping[str, TopicWanted]
 
 MISSING = "missing"
 """The log's statistics count these messages, and they are nowhere in the file; no damage says where they were."""
+
+
+def _believable(
+    claimed: Mapping[int, int] | None, found: Mapping[int, int], damages: Sequence[Damage]
+) -> list[Damage]:
+    """Damages that took no more messages of a channel than the statistics leave for them.
+
+    What the content of a chunk with a wrong check sum tells of its messages may be wrong itself.
+    """
+    if claimed is None:
+        return list(damages)
+    taken: Counter[int] = Counter(found)
+    for damage in damages:
+        if damage.code != _CRC:
+            taken.update(damage.messages or {})
+    kept: list[Damage] = []
+    for damage in damages:
+        if damage.code == _CRC and damage.messages is not None:
+            left = {k: min(n, max(claimed.get(k, 0) - taken[k], 0)) for k, n in damage.messages.items()}
+            taken.update(left)
+            damage = replace(damage, messages={k: n for k, n in left.items() if n})
+        kept.append(damage)
+    return kept
+
+
+_CRC = "chunk_crc_mismatch"
 
 
 def _lost(structure: Structure, found: Mapping[int, int], damages: Sequence[Damage]) -> Iterator[Lost]:

@@ -1,6 +1,7 @@
 """A look at several logs, and at what they share."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import joblib
@@ -46,25 +47,34 @@ def inspect_logs(
 ) -> ManyInspected:
     """Look at each log; one that cannot be read is refused in words, and the others go on."""
     found: list[Inspected] = []
+    names: list[str] = []
     refused: list[LogError] = []
     with progress.task("inspect", len(logs), "logs") as tick:
-        for one in _each(logs, request, jobs):
+        for where, one in zip(logs, _each(logs, request, jobs), strict=True):
             tick(1)
             if isinstance(one, LogError):
                 progress.error(one.paragraph())
                 refused.append(one)
             else:
                 found.append(one)
-    sketches = {(one.summary.file, point): sketch for one in found for point, sketch in one.content.items()}
+                names.append(str(where))
+    # Logs of one name in several folders are told apart by their paths.
+    of_name = Counter(one.summary.file for one in found)
+    names = [one.summary.file if of_name[one.summary.file] == 1 else w for w, one in zip(names, found, strict=True)]
+    sketches = {
+        (name, point): sketch for name, one in zip(names, found, strict=True) for point, sketch in one.content.items()
+    }
     across = by_severity(content_findings(overlaps(sketches)))
     return ManyInspected(tuple(found), tuple(refused), tuple(across))
 
 
-def _each(logs: Sequence[Where], request: Request, jobs: int) -> "list[Inspected | LogError]":
+def _each(logs: Sequence[Where], request: Request, jobs: int) -> "Iterator[Inspected | LogError]":
+    """In the order of the logs, each as soon as it is done."""
     if jobs == 1 or len(logs) == 1 or any(is_large(log) for log in logs):
-        return [_one(log, request, jobs) for log in logs]
+        return (_one(log, request, jobs) for log in logs)
     work = joblib.Parallel(n_jobs=jobs, return_as="generator")(joblib.delayed(_one)(log, request, 1) for log in logs)
-    return list(work)
+    found: Iterator[Inspected | LogError] = iter(work)
+    return found
 
 
 def _one(where: Where, request: Request, jobs: int) -> "Inspected | LogError":

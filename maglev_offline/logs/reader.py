@@ -84,6 +84,7 @@ def read_run(
     counts: Counter[int] = Counter()
     damages: list[Damage] = []
     first = total = waiting = 0
+    shapes: dict[str, ChannelColumns] = {}
     file: BinaryIO | None = spill_to.open("wb") if spill_to is not None else None
     try:
         for number, span in enumerate(spans):
@@ -95,7 +96,7 @@ def read_run(
             total += len(loaded.messages)
             if waiting >= ROWS or number == len(spans) - 1:
                 slab = groups.slab()
-                slabs.append((slab if file is None else slab.spill(file), total - first))
+                slabs.append((slab if file is None else slab.spill(file, shapes), total - first))
                 first, waiting = total, 0
     finally:
         if file is not None:

@@ -51,13 +51,14 @@ class MemorySlab:
         found = self.topics.get(topic)
         return replace(found, file_index=found.file_index + first) if first and found is not None else found
 
-    def spill(self, file: BinaryIO) -> "DiskSlab":
-        """Append the slab to a file of its owner's."""
+    def spill(self, file: BinaryIO, shapes: dict[str, ChannelColumns]) -> "DiskSlab":
+        """Append the slab to a file of its owner's; `shapes` is shared by the slabs of a file, and filled in."""
         places: dict[str, tuple[int, int]] = {}
-        shapes: dict[str, ChannelColumns] = {}
         for topic, columns in self.topics.items():
             places[topic] = (file.tell(), len(columns))
-            shapes[topic] = columns.take(slice(0, 0))
+            # Not slices, which would keep the arrays that they are cut from.
+            if topic not in shapes:
+                shapes[topic] = columns.remade([np.empty(0, dtype=array.dtype) for array in columns.arrays()])
             file.write(b"".join(np.ascontiguousarray(array).data for array in columns.arrays()))
         return DiskSlab(Path(file.name), places, shapes)
 
