@@ -99,7 +99,7 @@ class ContentHasher:
         if not changes.all():
             rows = rows.part(changes)
         made = len(rows.hash) - SHINGLE + 1
-        self._carried = rows.part(slice(max(made, 0), None))
+        self._carried = rows.part(np.arange(max(made, 0), len(rows.hash)))  # a copy: a slice would keep all rows
         if made > 0:
             shingles = _Piece(_shingles(rows.hash), rows.row[:made], rows.t_ns[:made])
             self._kept.append(shingles if self._rows <= DENSE_ROWS else _thinned(shingles))

@@ -136,9 +136,7 @@ MISSING = "missing"
 """The log's statistics count these messages, and they are nowhere in the file; no damage says where they were."""
 
 
-def _believable(
-    claimed: Mapping[int, int] | None, found: Mapping[int, int], damages: Sequence[Damage]
-) -> list[Damage]:
+def _believable(claimed: Mapping[int, int] | None, found: Mapping[int, int], damages: Sequence[Damage]) -> list[Damage]:
     """Damages that took no more messages of a channel than the statistics leave for them.
 
     What the content of a chunk with a wrong check sum tells of its messages may be wrong itself.

@@ -21,6 +21,7 @@ from maglev_offline.ingest.points import PointSamples
 from maglev_offline.ingest.topics import CleanTopic
 from maglev_offline.ingest.windows import Window, windows
 from maglev_offline.logs.slabs import MemorySlab
+from maglev_offline.memory import give_back
 
 
 class Sink(Protocol):
@@ -78,6 +79,7 @@ def examine(
     for window in windows(decoded.slabs, mapped, by, settings):
         _window(context, window, hashers, found, entries, sink, jobs)
         entries = []
+        give_back()
     _put_aside(context.log_id, entries, found, sink)
     found.findings = merge(found.findings)
     found.content = {point: hasher.sketch() for point, hasher in hashers.items()}

@@ -97,7 +97,7 @@ def inspect_log(where: Where, request: Request, *, jobs: int = 1, progress: Prog
     with open_source(where) as source:
         sha256 = source.sha256()
     times, damages = _log_times(part)
-    name = Path(str(where)).name
+    name = name_of(where)
     try:
         plan = plan_of([part], request)
         made = examine_parts([part], plan, name, request, jobs=jobs, progress=progress)
@@ -113,6 +113,11 @@ def inspect_log(where: Where, request: Request, *, jobs: int = 1, progress: Prog
     return Inspected(LogSummary(**{**vars(summary), **counted}), made.findings, made.content)
 
 
+def name_of(where: Where) -> str:
+    """File name for tables and pages, which are UTF-8; a file may have any bytes for its name."""
+    return Path(str(where)).name.encode(errors="backslashreplace").decode()
+
+
 def _summary(
     part: Part,
     sha256: str,
@@ -124,7 +129,7 @@ def _summary(
 ) -> LogSummary:
     info = part.info
     return LogSummary(
-        file=Path(str(part.where)).name,
+        file=name_of(part.where),
         size_bytes=info.size_bytes,
         sha256=sha256,
         simulated=info.simulated,
@@ -154,7 +159,7 @@ def _log_times(part: Part) -> tuple[dict[str, NDArray[np.int64]], list[Damage]]:
             damages += read.damages
             for slab, _ in read.slabs:
                 for topic, times in found.items():
-                    columns = slab.columns(topic, 0)
+                    columns = slab.columns(topic)
                     if columns is not None:
                         times.append(columns.log_time_ns)
     nothing = np.empty(0, dtype=np.int64)

@@ -57,7 +57,7 @@ def inspect_logs(
                 refused.append(one)
             else:
                 found.append(one)
-                names.append(str(where))
+                names.append(str(where).encode(errors="backslashreplace").decode())
     # Logs of one name in several folders are told apart by their paths.
     of_name = Counter(one.summary.file for one in found)
     names = [one.summary.file if of_name[one.summary.file] == 1 else w for w, one in zip(names, found, strict=True)]

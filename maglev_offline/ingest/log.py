@@ -146,7 +146,9 @@ def examine_parts(
         save_findings(findings, out / FINDINGS)
         save_content(found.content, out / CONTENT)
     left_out = dict(sorted((found.messages_left_out + found.rows_left_out).items()))
-    return IngestedLog(counts, left_out, _facts(parts, chosen, decoded, found, request), findings, found.content)
+    return IngestedLog(
+        counts, left_out, _facts(parts, chosen, decoded, found, findings, request), findings, found.content
+    )
 
 
 class _Files:
@@ -254,12 +256,17 @@ def _too_few(parts: Sequence[Part], plan: SignalPlan, request: Request, made: In
 
 
 def _facts(
-    parts: Sequence[Part], plan: SignalPlan, decoded: DecodedLog, found: Examined, request: Request
+    parts: Sequence[Part],
+    plan: SignalPlan,
+    decoded: DecodedLog,
+    found: Examined,
+    findings: Sequence[Finding],
+    request: Request,
 ) -> dict[str, Any]:
     kept = [point for point, rows in found.rows_of.items() if rows]
     none = {point: "no usable sample" for point, rows in found.rows_of.items() if not rows}
     logged = plan.signal_map.velocity is not None and request.settings.velocity != "central_difference"
-    severities: Counter[str] = Counter(finding.severity for finding in found.findings)
+    severities: Counter[str] = Counter(finding.severity for finding in findings)
     return {
         "simulated": any(part.info.simulated for part in parts),
         "metadata": {name: record for part in parts for name, record in part.info.metadata.items()},

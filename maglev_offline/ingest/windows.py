@@ -137,7 +137,8 @@ def _settled(window: Window, wanted: Mapping[str, TopicWanted], by: Clock, setti
         return None
     # A topic that fell silent long ago holds nothing up: its stretch has ended.
     speaking = [t for t in latest if t >= max(latest) - max(10 * bridge_ns, 10 * reorder_ns)]
-    until_ns = min(speaking) - reorder_ns
+    # A message that is late by just reorder_ns is still sorted in, so that instant is not settled yet.
+    until_ns = min(speaking) - reorder_ns - 1
     silences = np.concatenate(holes)
-    silences = silences[silences < until_ns]
+    silences = silences[silences <= until_ns]
     return int(silences.max()) if len(silences) else until_ns

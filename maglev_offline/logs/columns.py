@@ -40,16 +40,16 @@ class ChannelColumns:
         found += [self.decoded, *self.values.values()]
         return [*found, self.clock_ns] if self.clock_ns is not None else found
 
-    def remade(self, arrays: Sequence[NDArray[Any]]) -> "ChannelColumns":
-        """The same topic with other arrays, in the order of `arrays()`."""
+    def remade(self, arrays: Sequence[NDArray[Any]], topic: str = "") -> "ChannelColumns":
+        """The same topic, or another one, with other arrays, in the order of `arrays()`."""
         log_time, publish_time, sequence, file_index, decoded, *rest = arrays
         values = dict(zip(self.values, rest, strict=False))
         clock = rest[len(self.values)] if self.clock_ns is not None else None
-        return ChannelColumns(self.topic, log_time, publish_time, sequence, file_index, values, decoded, clock)
+        return ChannelColumns(topic or self.topic, log_time, publish_time, sequence, file_index, values, decoded, clock)
 
-    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> "ChannelColumns":
-        """Some of its messages."""
-        return self.remade([array[rows] for array in self.arrays()])
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice, topic: str = "") -> "ChannelColumns":
+        """Some of its messages, those of another topic if that is named."""
+        return self.remade([array[rows] for array in self.arrays()], topic)
 
 
 def join(parts: Sequence[ChannelColumns]) -> ChannelColumns:

@@ -57,16 +57,23 @@ def _times(source: Source, span: Span, structure: Structure) -> tuple[NDArray[np
     return table.channel_id, table.log_time_ns
 
 
+_MOST_STRETCHES = 1000
+"""More stretches of one channel are sorted together first."""
+
+
 def _add(totals: dict[int, ChannelCount], channel_id: NDArray[np.uint16], log_time_ns: NDArray[np.uint64]) -> None:
     if not len(channel_id):
         return
-    order = np.argsort(channel_id, kind="stable")
-    sorted_ids, times = channel_id[order], log_time_ns[order]
-    starts = np.flatnonzero(np.append(True, sorted_ids[1:] != sorted_ids[:-1]))
-    counts = np.diff(np.append(starts, len(sorted_ids)))
+    ids, times = channel_id, log_time_ns
+    starts = np.flatnonzero(np.append(True, ids[1:] != ids[:-1]))
+    if len(starts) > _MOST_STRETCHES:  # an index has its channels one after the other; messages in file order do not
+        order = np.argsort(channel_id, kind="stable")
+        ids, times = channel_id[order], log_time_ns[order]
+        starts = np.flatnonzero(np.append(True, ids[1:] != ids[:-1]))
+    counts = np.diff(np.append(starts, len(ids)))
     earliest, latest = np.minimum.reduceat(times, starts), np.maximum.reduceat(times, starts)
     for number, n, first, last in zip(
-        sorted_ids[starts].tolist(), counts.tolist(), earliest.tolist(), latest.tolist(), strict=True
+        ids[starts].tolist(), counts.tolist(), earliest.tolist(), latest.tolist(), strict=True
     ):
         before = totals.get(number, ChannelCount(0, first, last))
         totals[number] = ChannelCount(before.messages + n, min(before.first_ns, first), max(before.last_ns, last))

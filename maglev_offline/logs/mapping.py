@@ -3,6 +3,7 @@
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,19 +104,27 @@ def si_factor(name: str, signal: Signal, *, where: str = "") -> float:
     """
     if name in UNIT_OF_SIGNAL:
         return to_si_factor(signal.unit, UNIT_OF_SIGNAL[name])
-    if signal.unit == "dimensionless":
+    factor = _context_factor(name, signal.unit)
+    if factor is None:
+        raise LogError(
+            f"context column {name!r} does not end in a unit that {signal.unit!r} can be turned into.",
+            where=where,
+            todo="End its name in its unit, as in speed_m_s, load_kg or chainage_m.",
+        )
+    return factor
+
+
+@cache
+def _context_factor(name: str, declared: str) -> float | None:
+    if declared == "dimensionless":
         return 1.0
     parts = name.split("_")
     for unit in ("/".join(parts[-2:]), parts[-1]):
         try:
-            return to_si_factor(signal.unit, _UNIT_SPELLINGS.get(unit, unit))
+            return to_si_factor(declared, _UNIT_SPELLINGS.get(unit, unit))
         except ValueError:
             continue
-    raise LogError(
-        f"context column {name!r} does not end in a unit that {signal.unit!r} can be turned into.",
-        where=where,
-        todo="End its name in its unit, as in speed_m_s, load_kg or chainage_m.",
-    )
+    return None
 
 
 _UNIT_SPELLINGS = {"a": "A", "v": "V", "n": "N", "k": "K", "w": "W", "pa": "Pa", "hz": "Hz", "t": "tonne"}

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -127,13 +127,17 @@ def read_columns(
 
 def topic_columns(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWanted, first: int = 0) -> ChannelColumns:
     """All messages of a topic in consecutive slabs, the first of which begins at the file index `first`."""
-    parts = [_empty(topic, wanted)]
+    parts, starts = [_empty(topic, wanted)], [0]
     for slab, spanned in slabs:
-        part = slab.columns(topic, first)
+        part = slab.columns(topic)
         if part is not None:
             parts.append(part)
+            starts.append(first)
         first += spanned
-    return join(parts[1:] or parts)
+    if len(parts) == 1:
+        return parts[0]
+    file_index = np.concatenate([part.file_index + start for part, start in zip(parts, starts, strict=True)])
+    return replace(join(parts[1:]), file_index=file_index)
 
 
 def _empty(topic: str, wanted: TopicWanted) -> ChannelColumns:

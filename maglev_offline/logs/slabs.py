@@ -19,15 +19,14 @@ ROWS = 2**14
 
 
 class Slab(Protocol):
-    """Messages of a stretch of the file. `counts` has the messages of each topic in it; `first` is the file index
-    of the stretch's first message, to be added to those of `columns`."""
+    """Messages of a stretch of the file. `counts` has the messages of each topic in it."""
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages by topic; a topic without any is not in it."""
 
-    def columns(self, topic: str, first: int) -> ChannelColumns | None:
-        """The messages of one topic, `file_index` counted from `first`; None where the slab has none."""
+    def columns(self, topic: str) -> ChannelColumns | None:
+        """The messages of one topic, `file_index` counted from the stretch's first; None where the slab has none."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +45,9 @@ class MemorySlab:
         """Bytes of all its arrays."""
         return sum(array.nbytes for columns in self.topics.values() for array in columns.arrays())
 
-    def columns(self, topic: str, first: int) -> ChannelColumns | None:
+    def columns(self, topic: str) -> ChannelColumns | None:
         """The messages of one topic."""
-        found = self.topics.get(topic)
-        return replace(found, file_index=found.file_index + first) if first and found is not None else found
+        return self.topics.get(topic)
 
     def spill(self, file: BinaryIO, shapes: dict[str, ChannelColumns]) -> "DiskSlab":
         """Append the slab to a file of its owner's; `shapes` is shared by the slabs of a file, and filled in."""
@@ -76,7 +74,7 @@ class DiskSlab:
         """Messages by topic."""
         return {topic: n for topic, (_, n) in self.places.items()}
 
-    def columns(self, topic: str, first: int) -> ChannelColumns | None:
+    def columns(self, topic: str) -> ChannelColumns | None:
         """The messages of one topic."""
         if topic not in self.places:
             return None
@@ -90,8 +88,7 @@ class DiskSlab:
         for kind in kinds:
             arrays.append(np.frombuffer(data, dtype=kind, count=n, offset=at))
             at += n * kind.itemsize
-        found = self.shapes[topic].remade(arrays)
-        return replace(found, file_index=found.file_index + first)
+        return self.shapes[topic].remade(arrays)
 
 
 def by_topic(columns: ChannelColumns, topic_of_row: NDArray[np.uint16], topics: Sequence[str]) -> MemorySlab:
@@ -102,4 +99,4 @@ def by_topic(columns: ChannelColumns, topic_of_row: NDArray[np.uint16], topics: 
     ends = np.cumsum(np.bincount(topic_of_row, minlength=len(topics))).tolist()
     arranged = columns.take(order)
     spans = zip(topics, [0, *ends], ends, strict=False)
-    return MemorySlab({topic: replace(arranged.take(slice(a, b)), topic=topic) for topic, a, b in spans if b > a})
+    return MemorySlab({topic: arranged.take(slice(a, b), topic) for topic, a, b in spans if b > a})

@@ -3,6 +3,7 @@
 import hashlib
 import struct
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def slabs_of(messages, cuts):
     whole = {topic: columns(topic, [t for _, t in rows], [k for k, _ in rows]) for topic, rows in topics.items()}
     made = []
     bounds = sorted({0, len(messages), *cuts})
-    for first, last in zip(bounds[:-1], bounds[1:], strict=True):
+    for first, last in pairwise(bounds):
         parts = {}
         for topic, its in whole.items():
             part = its.take((its.file_index >= first) & (its.file_index < last))
@@ -133,10 +134,13 @@ class TestBorders:
         assert made[0]["a"][0].log_time_ns.max() < T0 + 970 * MS
 
     @pytest.mark.parametrize("before", [1, 3, 8, 50])
-    @pytest.mark.parametrize("back_ms", [60.0, 900.0, 10_000.0])
+    @pytest.mark.parametrize("back_ms", [70.0, 900.0, 10_000.0])
     def test_a_reset_of_the_clock_near_a_border_parts_no_times(self, before, back_ms):
         end = 20_000 + 10.0 * (100 - before)
-        t = [*(20_000 + 10.0 * k for k in range(100 - before)), *(end - back_ms + 10.0 * k for k in range(100 + before))]
+        t = [
+            *(20_000 + 10.0 * k for k in range(100 - before)),
+            *(end - back_ms + 10.0 * k for k in range(100 + before)),
+        ]
         whole, made = cut([("a", at) for at in t], [100], most=100)
         each_is_in_exactly_one(whole, made)
         # What comes before the reset is not left to the window after it.
@@ -154,7 +158,7 @@ class TestBorders:
             messages += [("a", 10.0 * k), ("b", 10.0 * k - 200)]
         _, made = cut(messages, range(0, 800, 40), most=200)
         assert len(made) > 1
-        for one, other in zip(made[:-1], made[1:], strict=True):
+        for one, other in pairwise(made):
             last = max(one[topic][0].log_time_ns.max() for topic in "ab")
             assert last < min(other[topic][0].log_time_ns.min() for topic in "ab")
 
@@ -287,6 +291,11 @@ def test_the_number_of_processes_changes_no_byte(tmp_path, ingest_path):
     assert path.stat().st_size > 2.2 * 16 * 2**20
     alone = ingest_path(path, settings=SETTINGS, jobs=1)
     together = ingest_path(path, settings=SETTINGS, jobs=2)
-    assert all_bytes(alone.folder).keys() == {"samples.parquet", "quarantine.parquet", "findings.json", "content.parquet"}
+    assert all_bytes(alone.folder).keys() == {
+        "samples.parquet",
+        "quarantine.parquet",
+        "findings.json",
+        "content.parquet",
+    }
     assert all_bytes(together.folder) == all_bytes(alone.folder)
     assert (together.counts, together.left_out, together.facts) == (alone.counts, alone.left_out, alone.facts)
