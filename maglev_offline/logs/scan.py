@@ -60,7 +60,7 @@ def _by_summary(source: Source, summary: Summary) -> Walk | None:
         walk.add_chunk(index)
         at = index.offset + index.length + index.index_length
     walk.region(at, summary.start, chunked=chunked)
-    if not summary.proven and any(damage.code in ("hole", "truncated") for damage in walk.damages):
+    if not summary.proven and any(damage.code in ("bytes_unreadable", "truncated") for damage in walk.damages):
         return None
     return walk
 

@@ -36,7 +36,7 @@ DAMAGES = {
     "truncated": "The file ends within a record.",
     "no_footer": "The file ends between two records, without its footer: the recorder was stopped hard.",
     "trailing_bytes": "Bytes lie behind the end of the MCAP file.",
-    "hole": "A stretch of the file is no sequence of records; reading goes on at the next record that is one.",
+    "bytes_unreadable": "A stretch of the file is no sequence of records; reading goes on behind it.",
     "summary_unusable": "The summary at the end does not hold, so the whole file was read instead.",
     "record_length_mismatch": "The length in a chunk record is wrong; the chunk itself holds and was used.",
     "record_too_large": "A schema, channel or metadata record is larger than any sensible one, and was passed over.",

@@ -207,7 +207,7 @@ class Walk:
         if cut_off:
             self.damages.append(self._cut("truncated", at, f"the last {end - at:,} bytes are no whole record"))
         else:
-            self.damages.append(Damage("hole", at, found - at, None, f"{found - at:,} bytes are no records"))
+            self.damages.append(Damage("bytes_unreadable", at, found - at, None, f"{found - at:,} bytes, no record"))
         return found
 
     def _salvageable(self, at: int, end: int) -> tuple[int, ...]:

@@ -233,7 +233,7 @@ class TestChunks:
         else:
             # Nobody knows how many there were.
             assert len(counts_hold(made, N - lost)) == 0
-            assert severities(made)["hole"] == "error"
+            assert severities(made)["bytes_unreadable"] == "error"
         assert "error" in severities(made).values()
 
     @pytest.mark.parametrize("byte", [1, 3, 7])
@@ -297,7 +297,7 @@ class TestUnchunked:
         assert made.left_out == {"missing": 1}
         assert messages["topic"].tolist() == [TOPICS[1]]
         assert messages["byte_offset"].tolist() == [at]
-        assert severities(made)["hole"] == "error"
+        assert severities(made)["bytes_unreadable"] == "error"
         assert severities(made)["messages_missing"] == "error"
 
     def test_a_flipped_payload_byte_is_told_where_there_is_a_check_sum(self, log, ingest):

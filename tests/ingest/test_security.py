@@ -126,7 +126,7 @@ class TestSizes:
         tracemalloc.stop()
         assert peak < 64 * 2**20
         assert made.counts["messages_used"] == N
-        assert [f.severity for f in made.findings if f.code == "hole"] == ["error"]
+        assert [f.severity for f in made.findings if f.code == "bytes_unreadable"] == ["error"]
 
     @pytest.mark.parametrize("inner", [100 * 10**6, 2**32 - 1])
     def test_a_metadata_record_whose_text_claims_100_mb(self, log, ingest, inner):

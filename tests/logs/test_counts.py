@@ -47,7 +47,7 @@ class TestShortfall:
         assert shortfall({1: 30, 2: 5}, {1: 17, 2: 5}, damages) == ({}, {1: 3}, {})
 
     def test_a_damage_of_unknown_content_may_have_taken_the_rest(self):
-        damages = [Damage("hole", 0, 9, None, ""), Damage("chunk_crc_mismatch", 0, 9, {1: 10}, "")]
+        damages = [Damage("bytes_unreadable", 0, 9, None, ""), Damage("chunk_crc_mismatch", 0, 9, {1: 10}, "")]
         assert shortfall({1: 30, 2: 5}, {1: 17}, damages) == ({1: 3, 2: 5}, {}, {})
 
     def test_more_than_claimed(self):

@@ -148,7 +148,7 @@ class TestHoles:
                 kept.append(m)
             size = end
         assert read.messages in (before[:-1] + kept, before + kept)
-        (hole,) = [damage for damage in read.damages if damage.code == "hole"]
+        (hole,) = [damage for damage in read.damages if damage.code == "bytes_unreadable"]
         assert hole.messages is None
         assert not summary or sum(read.short.in_damage.values()) == N - len(read.messages)
 
@@ -156,7 +156,7 @@ class TestHoles:
         log.write()
         at = containers.chunk_indexes(log.path)[5].chunk_start_offset
         read = log.read(log.whole[: at + 500] + log.whole[at + 777 :])
-        assert "hole" in read.codes
+        assert "bytes_unreadable" in read.codes
         assert is_part_of(read.messages, log.made)
         assert len(read.messages) > N * 0.97
         assert len(read.messages) + sum(read.short.in_damage.values()) == N
@@ -166,7 +166,7 @@ class TestHoles:
         at = containers.chunk_indexes(log.path)[5].chunk_start_offset
         read = log.read(log.whole[:at] + b"\xff" * 300 + log.whole[at:])
         assert read.messages == log.made
-        assert [(d.offset, d.length) for d in read.damages if d.code == "hole"] == [(at, 300)]
+        assert [(d.offset, d.length) for d in read.damages if d.code == "bytes_unreadable"] == [(at, 300)]
 
     @pytest.mark.parametrize("number", [0, 5])
     def test_the_messages_of_a_broken_uncompressed_chunk_are_not_taken_for_loose_ones(self, containers, log, number):
@@ -175,13 +175,13 @@ class TestHoles:
         content = bytearray(log.whole[:-37])
         content[chunk.chunk_start_offset : chunk.chunk_start_offset + 60] = bytes(60)
         read = log.read(bytes(content))
-        assert "hole" in read.codes
+        assert "bytes_unreadable" in read.codes
         assert all(isinstance(span, ChunkSpan) for span in read.structure.spans)
         assert is_part_of(read.messages, log.made)
         if number == 0:
             # The writer declares its channels in the first chunk alone.
             assert read.messages == []
-            assert set(read.codes) == {"hole", "no_footer", "unknown_channel"}
+            assert set(read.codes) == {"bytes_unreadable", "no_footer", "unknown_channel"}
             assert read.lost > N * 0.95
         else:
             assert N * 0.95 < len(read.messages) < N
@@ -203,7 +203,7 @@ class TestHoles:
         content[log.whole.index(log.made[99].payload) - 29] ^= 0xFF
         read = log.read(bytes(content))
         assert read.messages == log.made[:99] + log.made[100:]
-        assert read.codes == ["hole"]
+        assert read.codes == ["bytes_unreadable"]
         assert sum(read.short.in_damage.values()) == 1
 
 
@@ -309,7 +309,7 @@ def test_a_file_of_nothing_but_holes_is_given_up_in_the_end(containers, tmp_path
     metadata = struct.pack("<BQII", 0x0C, 8, 0, 0) * 4
     path.write_bytes(b"\x89MCAP0\r\n" + (metadata + bytes(50)) * 100)
     read = containers.read(path)
-    assert read.codes == ["hole"] * 10 + ["truncated"]
+    assert read.codes == ["bytes_unreadable"] * 10 + ["truncated"]
 
 
 def test_metadata_without_end_is_not_kept(containers, tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ def quantum(ordered: Array) -> float | None:
     steps = steps[steps > 1e-9 * max(abs(float(ordered[0])), abs(float(ordered[-1])))]
     if len(steps) < 4 or 2 * len(steps) > len(ordered):
         return None
-    least = float(np.quantile(steps, 0.1))
+    least = float(np.partition(steps, len(steps) // 10)[len(steps) // 10])
     many = np.rint(steps / least)
     near = many <= 20
     if not near.any():
