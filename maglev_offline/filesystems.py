@@ -77,8 +77,9 @@ def without_keys(text: str) -> str:
 
 
 def name_of(where: Where) -> str:
-    """Name of the file alone."""
-    return where.name if isinstance(where, Path) else unquote(shown(where).rstrip("/").rpartition("/")[2])
+    """Name of the file alone, as text that can be written anywhere: a file may have any bytes for its name."""
+    name = where.name if isinstance(where, Path) else unquote(shown(where).rstrip("/").rpartition("/")[2])
+    return name.encode(errors="backslashreplace").decode()
 
 
 def below(address: str, relative: str) -> str:

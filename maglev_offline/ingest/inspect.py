@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
-from maglev_offline.filesystems import Where
+from maglev_offline.filesystems import Where, name_of
 from maglev_offline.ingest.checks.damage import damage_findings
 from maglev_offline.ingest.clock import NS_PER_MS, steps_of
 from maglev_offline.ingest.content import ContentSketch
@@ -111,11 +110,6 @@ def inspect_log(where: Where, request: Request, *, jobs: int = 1, progress: Prog
     summary = _summary(part, sha256, times, signals, tuple(plan.sources), left_out, "")
     counted = {"counts": made.counts, "left_out": made.left_out, "decoded_by": made.facts["decoded_by"]}
     return Inspected(LogSummary(**{**vars(summary), **counted}), made.findings, made.content)
-
-
-def name_of(where: Where) -> str:
-    """File name for tables and pages, which are UTF-8; a file may have any bytes for its name."""
-    return Path(str(where)).name.encode(errors="backslashreplace").decode()
 
 
 def _summary(

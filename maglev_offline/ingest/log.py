@@ -92,6 +92,12 @@ def plan_of(parts: Sequence[Part], request: Request) -> SignalPlan:
         )
     settings = request.settings
     wanted = [c for c in _joined(channels) if wants_topic(request.select, c.topic)]
+    if not wanted:
+        raise LogError(
+            f"the selection leaves out every topic of the log ({', '.join(sorted({c.topic for c in channels})[:8])}).",
+            where=where,
+            todo="Correct `topics` or `exclude_topics` of [select], or --topic.",
+        )
     leave_out = ("velocity",) if settings.velocity == "central_difference" else ()
     plan = resolve(request.signals, wanted, where=where, leave_out=leave_out)
     if settings.velocity == "logged" and plan.signal_map.velocity is None:

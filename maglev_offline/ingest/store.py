@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from maglev_offline.errors import ArtefactError, InputError, LogError
-from maglev_offline.filesystems import Where
+from maglev_offline.filesystems import Where, name_of
 from maglev_offline.ingest.known_logs import hash_of_log
 from maglev_offline.ingest.merge import merged_sha256
 from maglev_offline.ingest.request import Request
@@ -51,7 +51,7 @@ class LogOutcome:
     @property
     def name(self) -> str:
         """File name, for people."""
-        return _name(self.path)
+        return name_of(self.path)
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,8 @@ def _meaning(tables: Mapping[str, Any]) -> dict[str, Any]:
 
 def log_id_of(where: Where, sha256: str) -> str:
     """Name of a log in every artefact: the file's stem, made safe for a file name, and a piece of its hash."""
-    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", _name(where).removesuffix(".mcap")).lstrip(".-") or "log"
+    stem = re.sub(r"[^A-Za-z0-9._-]+", "_", name_of(where).removesuffix(".mcap")).lstrip(".-") or "log"
     return f"{stem[:80]}-{sha256[:8]}"
-
-
-def _name(where: Where) -> str:
-    return where.name if isinstance(where, Path) else where.rstrip("/").rpartition("/")[2]
 
 
 def ingest_logs(
@@ -117,7 +113,7 @@ def ingest_logs(
     ------
     InputError: with `merge`, a part cannot be read or two parts overlap.
     """
-    ordered = sorted(dict.fromkeys(logs), key=lambda where: (_name(where), str(where)))
+    ordered = sorted(dict.fromkeys(logs), key=lambda where: (name_of(where), str(where)))
     outcomes: dict[Where, LogOutcome] = {}
     hashes: dict[Where, str] = {}
     for where in ordered:
@@ -150,7 +146,7 @@ def ingest_logs(
         outcomes[outcome.path] = outcome
         (progress.error if outcome.status == "refused" else progress.say)(outcome.message)
     for where, task in copies:
-        text = f"{_name(where)}: the same content as {task.name}; it was not ingested twice."
+        text = f"{name_of(where)}: the same content as {task.name}; it was not ingested twice."
         original = outcomes[task.where]
         outcomes[where] = replace(original, path=where, status="duplicate", counts={}, left_out={}, message=text)
     _tell_unchanged(
@@ -165,13 +161,13 @@ def dry_run(
     """Go through logs as `ingest_logs` would, and keep nothing."""
     from maglev_offline.ingest.log import ingest_log
 
-    ordered = sorted(dict.fromkeys(logs), key=lambda where: (_name(where), str(where)))
+    ordered = sorted(dict.fromkeys(logs), key=lambda where: (name_of(where), str(where)))
     outcomes: list[LogOutcome] = []
     for parts in [tuple(ordered)] if merge else [(where,) for where in ordered]:
-        name = " + ".join(_name(part) for part in parts)
+        name = " + ".join(name_of(part) for part in parts)
         try:
             made = ingest_log(parts, name, request, jobs=jobs, progress=progress)
-        except LogError as error:
+        except InputError as error:
             outcomes.append(_refused(parts[0], error))
             progress.error(outcomes[-1].message)
             continue
@@ -212,7 +208,7 @@ class _Task:
 
     @property
     def name(self) -> str:
-        return " + ".join(_name(part) for part in self.parts)
+        return " + ".join(name_of(part) for part in self.parts)
 
 
 def _tasks(hashes: dict[Where, str], request: Request, *, merge: bool) -> Iterator[_Task]:
@@ -274,7 +270,7 @@ def _ingest_one(
             manifest.counts, manifest.left_out = made.counts, made.left_out
             known = {"log_id": task.log_id, "file": task.name, "sha256": task.sha256}
             manifest.facts = {**known, **made.facts}
-    except LogError as error:
+    except InputError as error:
         return _refused(task.where, error, task.log_id)
     # What other settings made of the same content under another name is superseded: left in place, the next stage
     # would read the log twice.
@@ -308,7 +304,7 @@ def _done(task: _Task, folder: Path, manifest: Manifest, status: Status, text: s
 
 
 def _refused(where: Where, error: InputError, log_id: str = "") -> LogOutcome:
-    return LogOutcome(where, log_id or _name(where).removesuffix(".mcap"), "refused", {}, {}, error.paragraph(), None)
+    return LogOutcome(where, log_id or name_of(where).removesuffix(".mcap"), "refused", {}, {}, error.paragraph(), None)
 
 
 def _copies(workspace: Workspace, task: _Task) -> Iterator[Path]:

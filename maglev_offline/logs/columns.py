@@ -1,6 +1,6 @@
 """The messages of one topic as columns."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,6 +47,12 @@ class ChannelColumns:
         clock = rest[len(self.values)] if self.clock_ns is not None else None
         return ChannelColumns(topic or self.topic, log_time, publish_time, sequence, file_index, values, decoded, clock)
 
+    def moved(self, first: int) -> "ChannelColumns":
+        """The same messages in a file in which `first` others come before them."""
+        arrays = self.arrays()
+        arrays[3] = arrays[3] + first
+        return self.remade(arrays)
+
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice, topic: str = "") -> "ChannelColumns":
         """Some of its messages, those of another topic if that is named."""
         return self.remade([array[rows] for array in self.arrays()], topic)
@@ -57,3 +63,18 @@ def join(parts: Sequence[ChannelColumns]) -> ChannelColumns:
     if len(parts) == 1:
         return parts[0]
     return parts[0].remade([np.concatenate(arrays) for arrays in zip(*(part.arrays() for part in parts), strict=True)])
+
+
+def join_each(topics: Mapping[str, Sequence[ChannelColumns]]) -> dict[str, ChannelColumns]:
+    """Join the parts of each of several topics that have the same columns.
+
+    All topics go into one array for each column, of which each has a slice: few large arrays cost the system less than
+    many small ones.
+    """
+    lengths = {topic: sum(len(part) for part in parts) for topic, parts in topics.items()}
+    whole = join([part for parts in topics.values() for part in parts])
+    ends = np.cumsum(list(lengths.values())).tolist()
+    return {
+        topic: whole.take(slice(end - length, end), topic)
+        for (topic, length), end in zip(lengths.items(), ends, strict=True)
+    }

@@ -1,11 +1,15 @@
 """The MessageIndex records behind a chunk: for each channel the times and places of its messages."""
 
+import struct
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_offline.logs import wire
+
+_INDEX_HEAD = struct.Struct("<BQHI")
+"""Opcode, length of the record, channel id, bytes of the entries."""
 
 
 class IndexEntries(NamedTuple):
@@ -27,22 +31,22 @@ def parse_index(block: wire.Bytes) -> IndexEntries | None:
     """The entries of consecutive MessageIndex records; None where that is not what the bytes are."""
     ids: list[int] = []
     sizes: list[int] = []
-    parts: list[NDArray[np.uint64]] = []
+    parts: list[memoryview] = []
+    view = memoryview(block)
     at, end = 0, len(block)
     while at < end:
-        if end - at < 15:
+        if end - at < _INDEX_HEAD.size:
             return None
-        opcode, length = wire.HEAD.unpack_from(block, at)
-        size = int.from_bytes(block[at + 11 : at + 15], "little")
+        opcode, length, channel_id, size = _INDEX_HEAD.unpack_from(block, at)
         if opcode != wire.MESSAGE_INDEX or length != size + 6 or size % 16 or at + 9 + length > end:
             return None
-        ids.append(int.from_bytes(block[at + 9 : at + 11], "little"))
+        ids.append(channel_id)
         sizes.append(size // 16)
-        parts.append(np.frombuffer(block, dtype="<u8", count=size // 8, offset=at + 15))
+        parts.append(view[at + 15 : at + 15 + size])
         at += 9 + int(length)
-    pairs = np.concatenate(parts).reshape(-1, 2) if parts else np.empty((0, 2), dtype=np.uint64)
-    channel_id = np.repeat(np.array(ids, dtype=np.uint16), np.array(sizes, dtype=np.int64))
-    return IndexEntries(channel_id, pairs[:, 0], pairs[:, 1])
+    pairs = np.frombuffer(b"".join(parts), dtype="<u8").reshape(-1, 2)
+    of_channel = np.repeat(np.array(ids, dtype=np.uint16), np.array(sizes, dtype=np.int64))
+    return IndexEntries(of_channel, pairs[:, 0], pairs[:, 1])
 
 
 def counts_of(channel_id: NDArray[np.uint16]) -> dict[int, int]:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
 from maglev_offline.logs.chunks import load_span
-from maglev_offline.logs.columns import NO_TIME, ChannelColumns, join
+from maglev_offline.logs.columns import NO_TIME, ChannelColumns, join, join_each
 from maglev_offline.logs.decode.ladder import Columns, Ladder
 from maglev_offline.logs.decode.library import ClockField, Decoders
 from maglev_offline.logs.decode.payloads import Payloads, Wanted
@@ -122,22 +122,28 @@ def read_columns(
     with open_source(path) as source:
         structure = read_structure(source)
         slabs = [pair for spans in runs(structure) for pair in read_run(source, structure, spans, asked).slabs]
-    return {topic: topic_columns(slabs, topic, asked[topic]) for topic in wanted}
+    alike: dict[TopicWanted, dict[str, list[ChannelColumns]]] = {}
+    for topic, one in asked.items():
+        alike.setdefault(one, {})[topic] = _parts(slabs, topic, one, 0)
+    joined: dict[str, ChannelColumns] = {}
+    for topics in alike.values():
+        joined |= join_each(topics)
+    return {topic: joined[topic] for topic in wanted}
 
 
 def topic_columns(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWanted, first: int = 0) -> ChannelColumns:
     """All messages of a topic in consecutive slabs, the first of which begins at the file index `first`."""
-    parts, starts = [_empty(topic, wanted)], [0]
+    return join(_parts(slabs, topic, wanted, first))
+
+
+def _parts(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWanted, first: int) -> list[ChannelColumns]:
+    parts = []
     for slab, spanned in slabs:
         part = slab.columns(topic)
         if part is not None:
-            parts.append(part)
-            starts.append(first)
+            parts.append(part.moved(first))
         first += spanned
-    if len(parts) == 1:
-        return parts[0]
-    file_index = np.concatenate([part.file_index + start for part, start in zip(parts, starts, strict=True)])
-    return replace(join(parts[1:]), file_index=file_index)
+    return parts or [_empty(topic, wanted)]
 
 
 def _empty(topic: str, wanted: TopicWanted) -> ChannelColumns:

@@ -10,6 +10,7 @@ from maglev_offline.ingest.checks.settings import CheckSettings
 from maglev_offline.ingest.checks.timing import FARTHEST_NS, Timing, countable
 from maglev_offline.ingest.clock import NS_PER_MS
 from maglev_offline.ingest.findings import Finding
+from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.logs.columns import ChannelColumns
 
 Index = NDArray[np.int64]
@@ -20,6 +21,10 @@ _JUMPS = 16
 """More than so many jumps of one clock are no jumps, but two clocks that have nothing to do with each other."""
 
 
+_MOST_AFTER = 4096
+"""A late message is looked for among at most so many after a reset, however long `reorder_ms` is."""
+
+
 class Delays(NamedTuple):
     """What the clocks say, and which messages (in file order) are late."""
 
@@ -27,10 +32,13 @@ class Delays(NamedTuple):
     late: Index
 
 
-def compare(name: Name, columns: ChannelColumns, timing: Timing, settings: CheckSettings) -> Delays:
+def compare(
+    name: Name, columns: ChannelColumns, timing: Timing, ingest: IngestSettings, settings: CheckSettings
+) -> Delays:
     """Log time against publish time, and the header's stamp against publish time (or log time without one)."""
     found: list[Finding] = []
     late = np.empty(0, dtype=np.int64)
+    reorder_ns = round(ingest.reorder_ms * NS_PER_MS)
     if len(timing) < 4 or timing.period_ns == 0:
         return Delays(found, late)
     whole = len(timing) == len(columns)
@@ -39,7 +47,7 @@ def compare(name: Name, columns: ChannelColumns, timing: Timing, settings: Check
     if published:
         delay = log - publish
         if delay.any():
-            delay, jumps = _without_jumps(delay, timing, settings)
+            delay, jumps = _without_jumps(delay, timing, reorder_ns, settings)
             found += _jump(name, "log time and publish time", jumps, timing)
             more, late = _delays(name, delay, timing, settings)
             found += more + _drift(name, "log time and publish time", delay, timing, settings)
@@ -47,7 +55,7 @@ def compare(name: Name, columns: ChannelColumns, timing: Timing, settings: Check
         stamp = columns.clock_ns if whole else columns.clock_ns[timing.row]
         other, words = (publish, "publish time") if published else (log, "log time")
         if countable(stamp) and countable(other):
-            difference, jumps = _without_jumps(other - stamp, timing, settings)
+            difference, jumps = _without_jumps(other - stamp, timing, reorder_ns, settings)
             clocks = f"{words} and header stamp"
             found += _jump(name, clocks, jumps, timing) + _drift(name, clocks, difference, timing, settings)
     return Delays(found, late)
@@ -58,7 +66,9 @@ class _Jump(NamedTuple):
     size_ns: float
 
 
-def _without_jumps(difference: Index, timing: Timing, settings: CheckSettings) -> tuple[Index, list[_Jump]]:
+def _without_jumps(
+    difference: Index, timing: Timing, reorder_ns: int, settings: CheckSettings
+) -> tuple[Index, list[_Jump]]:
     """Find lasting steps of a difference of clocks, and take them out; a few messages at a reset of both may differ."""
     least = settings.clock_jump_periods * timing.period_ns
     jumps: list[_Jump] = []
@@ -81,16 +91,24 @@ def _without_jumps(difference: Index, timing: Timing, settings: CheckSettings) -
             if least < abs(step) < FARTHEST_NS:
                 jumps.append(_Jump(at, step))
                 difference[at:] -= round(step)
+    return (_with_way_back(difference, timing, reorder_ns) if len(timing.resets) else difference), jumps
+
+
+def _with_way_back(difference: Index, timing: Timing, reorder_ns: int) -> Index:
+    """What was sent before a reset of all clocks and arrives after it has a delay that lacks the way back: add it."""
+    usual = float(np.median(difference))
+    difference = difference.copy()
+    after = 12 + min(round(reorder_ns / timing.period_ns), _MOST_AFTER)
     for reset in timing.resets.tolist():
-        # What was sent before a reset of all clocks and arrives after it has a delay that lacks the way back.
-        near = slice(max(reset - 5, 0), reset + 12)
-        usual = float(np.median(difference))
         back = _way_back(reset, timing)
-        odd = np.abs(difference[near] - usual + back) < max(0.05 * back, 6 * timing.period_ns)
-        if odd.any() and 2 * timing.period_ns < back < FARTHEST_NS:
-            difference = difference.copy()
-            difference[near] += np.where(odd, round(back), 0)
-    return difference, jumps
+        if not 2 * timing.period_ns < back < FARTHEST_NS:
+            continue
+        near = slice(max(reset - 5, 0), reset + after)
+        # The message may be late by as much as is sorted in, but one that is usual must never be taken for it.
+        off = max(0.05 * back, 6 * timing.period_ns, min(reorder_ns, 0.5 * back))
+        odd = np.abs(difference[near] - usual + back) < off
+        difference[near] += np.where(odd, round(back), 0)
+    return difference
 
 
 def _best_split(beyond: NDArray[np.bool_]) -> int:

@@ -11,6 +11,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+MEASURED = ("gap", "velocity", "current", "voltage")
+"""Set-points and context may stand still, come in steps and lie at their limits with good reason."""
+
+
 def constant_runs(values: Array, least: int) -> tuple[Index, Index]:
     """First and last index of runs of one value in at least `least` messages."""
     hop = max(least // 2, 1)
@@ -22,6 +26,23 @@ def constant_runs(values: Array, least: int) -> tuple[Index, Index]:
     last = last + 1
     long = last - first + 1 >= least
     return first[long], last[long]
+
+
+def resting(values: Array, first: Index, last: Index, step: float, starts: Index) -> NDArray[np.bool_]:
+    """Runs of one value that a quantised signal enters and leaves by about one `step`: it rests on a level there.
+
+    A run that the log or a stretch cuts off shows one of its ends only. It rests where another run of at least a third
+    of its length does so between two ends that are seen.
+    """
+    before, after = np.maximum(first - 1, 0), np.minimum(last + 1, len(values) - 1)
+    near = [np.abs(values[beside] - values[first]) <= 1.5 * step for beside in (before, after)]
+    cut = [np.isin(first, starts), np.isin(last + 1, starts) | (last == len(values) - 1)]
+    whole = near[0] & near[1] & ~cut[0] & ~cut[1]
+    length = last - first + 1
+    longest = int(length[whole].max()) if whole.any() else 0
+    partly = (near[0] | cut[0]) & (near[1] | cut[1]) & (length <= 3 * longest)
+    rests: NDArray[np.bool_] = whole | partly
+    return rests
 
 
 def moving(others: Mapping[str, Array], spread: Mapping[str, float], first: int, last: int, share: float) -> str:
@@ -56,8 +77,12 @@ def pile(
     return at if held > 5 * max(beside / 4, 1) else None
 
 
-def spikes(values: Array, factor: float) -> Index:
-    """Single values that lie off the line through both neighbours by `factor` times the signal's usual bend."""
+def spikes(values: Array, factor: float, starts: Index, set_point: Array | None = None) -> Index:
+    """Single values that lie off the line through both neighbours by `factor` times the signal's usual bend.
+
+    All three lie in one stretch; `starts` are the first messages of the stretches. What answers to a step of the
+    set-point is none.
+    """
     if len(values) < 16:
         return np.empty(0, dtype=np.int64)
     size = values[:-2] + values[2:]
@@ -71,6 +96,25 @@ def spikes(values: Array, factor: float) -> Index:
         return np.empty(0, dtype=np.int64)
     at = np.flatnonzero(size > factor * usual)
     # A step of the signal bends it twice, one way and the other; a spike stands alone between two equal neighbours.
-    returns = np.abs(values[at + 2] - values[at]) < 0.25 * size[at]
-    found: Index = at[returns] + 1
+    size, middle = size[at], at + 1
+    alone = np.abs(values[middle + 1] - values[middle - 1]) < 0.25 * size
+    alone &= ~(np.isin(middle, starts) | np.isin(middle + 1, starts))
+    # The crest of a steep swing bends as much, but there the signal runs up to it and down from it.
+    up = np.abs(values[middle - 1] - values[np.maximum(middle - 2, 0)])
+    down = np.abs(values[np.minimum(middle + 2, len(values) - 1)] - values[middle + 1])
+    up[np.isin(middle - 1, starts)] = 0
+    down[np.isin(middle + 2, starts)] = 0
+    alone &= np.minimum(up, down) < 0.5 * size
+    if set_point is not None:
+        alone &= ~_at_step(set_point, middle)
+    found: Index = middle[alone]
+    return found
+
+
+def _at_step(set_point: Array, at: Index) -> NDArray[np.bool_]:
+    """Whether each message is the first or the second after a lone step of the set-point; a ramp has none."""
+    steps = np.concatenate([[False], set_point[1:] != set_point[:-1], [False, False]])
+    stepped = steps[at].astype(np.int64) + steps[at - 1]
+    beside = steps[np.maximum(at - 2, 0)].astype(np.int64) + steps[at + 1] + steps[at + 2]
+    found: NDArray[np.bool_] = (stepped == 1) & (beside == 0)
     return found

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from maglev_offline.ingest import rules
 from maglev_offline.ingest.checks import clocks
 from maglev_offline.ingest.checks.codes import make
+from maglev_offline.ingest.checks.levels import MEASURED
 from maglev_offline.ingest.checks.sequence import Sequence, read_sequence, repeats
 from maglev_offline.ingest.checks.settings import CheckSettings
 from maglev_offline.ingest.checks.silences import silences
@@ -49,7 +50,7 @@ def recording_findings(
     times = timing(columns, signal_map.clock, ingest, message)
     numbers = columns.sequence if len(times) == len(columns) else columns.sequence[times.row]
     sequence = read_sequence(numbers, times, round(ingest.reorder_ms * NS_PER_MS))
-    compared = clocks.compare(name, columns, times, settings)
+    compared = clocks.compare(name, columns, times, ingest, settings)
     return [
         *of_entries(name, entries, len(columns)),
         *_repeats(name, columns, times, numbers, sequence, entries),
@@ -114,12 +115,14 @@ def _repeats(
     sequence: Sequence | None,
     entries: Many[Quarantined],
 ) -> list[Finding]:
-    """By the ledger (same time, same values), or by number and publish time where the clock in use tells them apart."""
+    """By the ledger, or by number, publish time and values where the clock in use tells the two apart."""
     aside = [entry for entry in entries if entry.code == rules.REPEATED and len(entry.t_ns)]
     index = np.concatenate([entry.message_index for entry in aside]) if aside else np.empty(0, dtype=np.int64)
     t_ns = np.concatenate([entry.t_ns for entry in aside]) if aside else np.empty(0, dtype=np.int64)
     if sequence is not None and np.diff(numbers).min() <= 0:
-        again = repeats(numbers, columns.publish_time_ns[times.row])
+        again = repeats(
+            numbers, columns.publish_time_ns[times.row], (column[times.row] for column in columns.values.values())
+        )
         new = again[~np.isin(times.message[again], index)]
         index, t_ns = np.concatenate([index, times.message[new]]), np.concatenate([t_ns, times.t_ns[new]])
     if len(index) == 0:
@@ -201,6 +204,9 @@ def _rate(name: Name, times: Timing, ingest: IngestSettings, settings: CheckSett
 _SOME_STEPS = 4096
 """Jitter is read off so many steps."""
 
+_RARE_STEPS = 0.01
+"""A signal that steps in this share of the messages, or fewer, hardly ever steps."""
+
 _SEAM_REACH = 2
 """Signs of a seam lie within so many messages of each other."""
 
@@ -235,7 +241,11 @@ def _seams(
 
 
 def _jumping(topic: CleanTopic, message: int) -> list[str]:
-    """Signals that jump between this message and the one before it by more than 8 times their usual step."""
+    """Signals that jump between this message and the one before it by more than 8 times their usual step.
+
+    A signal that stands still for most of the time has no usual step. A set-point or a context column that hardly ever
+    steps jumps by any step; what a coarse converter gives is held against the steps that it does make.
+    """
     before, after = np.flatnonzero(topic.message_index < message), np.flatnonzero(topic.message_index >= message)
     if len(before) == 0 or len(after) == 0:
         return []
@@ -243,7 +253,16 @@ def _jumping(topic: CleanTopic, message: int) -> list[str]:
     b = after[np.argmin(topic.message_index[after])]
     found = []
     for signal, values in topic.values.items():
-        usual = float(np.nanmedian(np.abs(np.diff(values)))) if np.isfinite(values).sum() > 2 else 0.0
-        if usual > 0 and abs(values[b] - values[a]) > 8 * usual:
+        steps = np.abs(np.diff(values))
+        steps = steps[np.isfinite(steps)]
+        if len(steps) < 2:
+            continue
+        usual = float(np.median(steps))
+        if usual == 0:
+            made = steps[steps > 0]
+            rare = signal not in MEASURED and len(made) <= _RARE_STEPS * len(steps)
+            # The one step that a signal makes is the one here.
+            usual = 0.0 if rare or len(made) <= 1 else float(np.median(made))
+        if abs(values[b] - values[a]) > 8 * usual:
             found.append(signal)
     return found

@@ -1,5 +1,6 @@
 """What the sequence numbers of a topic say: what is missing, and where another recording begins."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,8 +53,20 @@ def read_sequence(numbers: Index, timing: Timing, reorder_ns: int) -> Sequence |
     return Sequence(order[gaps], order[gaps + 1], steps[gaps] - 1, restarts)
 
 
-def repeats(numbers: Index, t_ns: Index) -> Index:
-    """Messages with the number and the time of an earlier one, in file order."""
+def repeats(numbers: Index, t_ns: Index, values: Iterable[NDArray[np.float64]]) -> Index:
+    """Messages with the number, the time and the values of an earlier one, in file order; NaN equals NaN."""
     order = np.lexsort((t_ns, numbers))
     same = (np.diff(numbers[order]) == 0) & (np.diff(t_ns[order]) == 0)
-    return np.sort(order[1:][same])
+    again, first = order[1:][same], _firsts(order, same)
+    equal = np.ones(len(again), dtype=np.bool_)
+    for column in values:
+        a, b = column[again], column[first]
+        equal &= (a == b) | (np.isnan(a) & np.isnan(b))
+    return np.sort(again[equal])
+
+
+def _firsts(order: Index, same: NDArray[np.bool_]) -> Index:
+    """For each message that is the same as the one before it in `order`: the first of its group."""
+    leader = np.maximum.accumulate(np.where(np.concatenate([[True], ~same]), np.arange(len(order)), 0))
+    found: Index = order[leader[1:][same]]
+    return found

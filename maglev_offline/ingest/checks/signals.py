@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_offline.ingest.checks.codes import make
-from maglev_offline.ingest.checks.levels import constant_runs, moving, pile, spikes
+from maglev_offline.ingest.checks.levels import MEASURED, constant_runs, moving, pile, resting, spikes
 from maglev_offline.ingest.checks.quantum import quantum
 from maglev_offline.ingest.checks.settings import CheckSettings
 from maglev_offline.ingest.checks.spectrum import fastest_rad_s
@@ -24,9 +24,6 @@ Name = tuple[str, str, str]
 
 _SOME = 2048
 """Levels and typical values are read off so many messages."""
-
-_MEASURED = ("gap", "velocity", "current", "voltage")
-"""Set-points and context may stand still, come in steps and lie at their limits with good reason."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ def signal_findings(
     if len(topic.t_ns) < 3:
         return []
     name = (log, topic.topic, point_in_ledger(topic.points))
-    signals = {key: _signal(key, topic.values[key], plant) for key in _MEASURED if key in topic.values}
+    signals = {key: _signal(key, topic.values[key], plant) for key in MEASURED if key in topic.values}
     found: list[Finding] = []
     for signal in signals.values():
         found += suspect(name, signal.name, signal.ordered, signal.operation, plan.signals[signal.name], settings)
@@ -112,6 +109,9 @@ def _stuck(
     spread = {key: signal.spread for key, signal in signals.items()}
     for key, signal in signals.items():
         firsts, lasts = constant_runs(signal.values, settings.stuck_messages)
+        if len(firsts) and signal.step is not None and _coarse(signal, signal.step, settings):
+            stuck = ~resting(signal.values, firsts, lasts, signal.step, topic.stretches.first)
+            firsts, lasts = firsts[stuck], lasts[stuck]
         others = {other: signals[other].values for other in signals if other != key}
         kept = []
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
@@ -140,18 +140,20 @@ def _at_limit(signal: _Signal, value: float, plant: Plant) -> bool:
     return signal.name != "velocity" and value in (signal.low, signal.high)
 
 
+def _coarse(signal: _Signal, step: float, settings: CheckSettings) -> bool:
+    of_operation = step / abs(signal.operation) if signal.operation else 0.0
+    return of_operation > settings.quantum_share or step > settings.quantum_spread_share * signal.spread
+
+
 def _quantised(name: Name, topic: CleanTopic, signal: _Signal, settings: CheckSettings) -> list[Finding]:
     step = signal.step
-    if step is None or signal.spread == 0:
-        return []
-    of_operation = step / abs(signal.operation) if signal.operation else 0.0
-    if of_operation <= settings.quantum_share and step <= settings.quantum_spread_share * signal.spread:
+    if step is None or signal.spread == 0 or not _coarse(signal, step, settings):
         return []
     numbers: dict[str, float | int | str] = {
         "signal": signal.name,
         "quantum": step,
         "unit": signal.unit,
-        "share_of_operation": of_operation,
+        "share_of_operation": step / abs(signal.operation) if signal.operation else 0.0,
         "share_of_spread": step / signal.spread,
         "of": len(signal.values),
     }
@@ -215,7 +217,7 @@ def _resolves(topic: CleanTopic, plant: Plant) -> bool:
 def _spikes(name: Name, topic: CleanTopic, signal: _Signal, settings: CheckSettings) -> list[Finding]:
     if signal.name == "voltage":  # a controller may do as it likes
         return []
-    at = spikes(signal.values, settings.spike_factor)
+    at = spikes(signal.values, settings.spike_factor, topic.stretches.first, topic.values.get("set_point"))
     if len(at) == 0:
         return []
     size = np.abs(signal.values[at] - 0.5 * (signal.values[at - 1] + signal.values[at + 1]))
