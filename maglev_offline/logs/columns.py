@@ -1,6 +1,6 @@
 """The messages of one topic as columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,18 +63,3 @@ def join(parts: Sequence[ChannelColumns]) -> ChannelColumns:
     if len(parts) == 1:
         return parts[0]
     return parts[0].remade([np.concatenate(arrays) for arrays in zip(*(part.arrays() for part in parts), strict=True)])
-
-
-def join_each(topics: Mapping[str, Sequence[ChannelColumns]]) -> dict[str, ChannelColumns]:
-    """Join the parts of each of several topics that have the same columns.
-
-    All topics go into one array for each column, of which each has a slice: few large arrays cost the system less than
-    many small ones.
-    """
-    lengths = {topic: sum(len(part) for part in parts) for topic, parts in topics.items()}
-    whole = join([part for parts in topics.values() for part in parts])
-    ends = np.cumsum(list(lengths.values())).tolist()
-    return {
-        topic: whole.take(slice(end - length, end), topic)
-        for (topic, length), end in zip(lengths.items(), ends, strict=True)
-    }

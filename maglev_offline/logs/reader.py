@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
 from maglev_offline.logs.chunks import load_span
-from maglev_offline.logs.columns import NO_TIME, ChannelColumns, join, join_each
+from maglev_offline.logs.columns import NO_TIME, ChannelColumns, join
 from maglev_offline.logs.decode.ladder import Columns, Ladder
 from maglev_offline.logs.decode.library import ClockField, Decoders
 from maglev_offline.logs.decode.payloads import Payloads, Wanted
@@ -122,13 +122,7 @@ def read_columns(
     with open_source(path) as source:
         structure = read_structure(source)
         slabs = [pair for spans in runs(structure) for pair in read_run(source, structure, spans, asked).slabs]
-    alike: dict[TopicWanted, dict[str, list[ChannelColumns]]] = {}
-    for topic, one in asked.items():
-        alike.setdefault(one, {})[topic] = _parts(slabs, topic, one, 0)
-    joined: dict[str, ChannelColumns] = {}
-    for topics in alike.values():
-        joined |= join_each(topics)
-    return {topic: joined[topic] for topic in wanted}
+    return {topic: topic_columns(slabs, topic, asked[topic]) for topic in wanted}
 
 
 def topic_columns(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWanted, first: int = 0) -> ChannelColumns:

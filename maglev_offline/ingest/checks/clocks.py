@@ -22,7 +22,7 @@ _JUMPS = 16
 
 
 _MOST_AFTER = 4096
-"""A late message is looked for among at most so many after a reset, however long `reorder_ms` is."""
+"""A late message is looked for among at most about so many after a reset, however long `reorder_ms` is."""
 
 
 class Delays(NamedTuple):
@@ -98,14 +98,14 @@ def _with_way_back(difference: Index, timing: Timing, reorder_ns: int) -> Index:
     """What was sent before a reset of all clocks and arrives after it has a delay that lacks the way back: add it."""
     usual = float(np.median(difference))
     difference = difference.copy()
-    after = 12 + min(round(reorder_ns / timing.period_ns), _MOST_AFTER)
     for reset in timing.resets.tolist():
         back = _way_back(reset, timing)
         if not 2 * timing.period_ns < back < FARTHEST_NS:
             continue
-        near = slice(max(reset - 5, 0), reset + after)
         # The message may be late by as much as is sorted in, but one that is usual must never be taken for it.
-        off = max(0.05 * back, 6 * timing.period_ns, min(reorder_ns, 0.5 * back))
+        off = min(max(0.05 * back, 6 * timing.period_ns, reorder_ns), 0.5 * back)
+        # What is late by so much lies no farther behind the reset.
+        near = slice(max(reset - 5, 0), reset + 12 + min(round(off / timing.period_ns), _MOST_AFTER))
         odd = np.abs(difference[near] - usual + back) < off
         difference[near] += np.where(odd, round(back), 0)
     return difference

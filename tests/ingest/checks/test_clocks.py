@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from maglev_offline.ingest.settings import IngestSettings
+
 
 def messages_of(finding):
     return [place.first_message for place in finding.places]
@@ -34,6 +36,22 @@ def test_a_message_under_way_while_all_clocks_are_reset_is_not_early(checked, to
     assert "logged_before_published" not in found
     assert [int(order[k]) for k in messages_of(found["late_messages"][0])] == [498]
     assert "clock_jump" not in found
+
+
+@pytest.mark.parametrize("clock", ["publish_time", "log_time"])
+def test_it_may_be_late_by_many_messages(checked, topics, clock):
+    columns = topics.columns(1000)
+    true_log = columns.log_time_ns.copy()
+    true_log[498] += 300 * topics.ms
+    reset_ns = columns.publish_time_ns[500]
+    order = np.argsort(true_log, kind="stable")
+    back = 2000 * topics.ms
+    columns.log_time_ns[:] = true_log - back * (true_log >= reset_ns)
+    columns.publish_time_ns[500:] -= back
+    ingest = IngestSettings(grid_ms=10, longest_bridge_ms=25, reorder_ms=400)
+    found = checked(columns.take(order), using=topics.map(clock=clock), ingest=ingest)
+    assert "logged_before_published" not in found
+    assert [int(order[k]) for k in messages_of(found["late_messages"][0])] == [498]
 
 
 def test_a_usual_delay_of_most_of_a_period_is_told(checked, topics):

@@ -5,6 +5,7 @@ import pytest
 
 from maglev_offline.ingest.checks import CheckSettings
 from maglev_offline.ingest.settings import IngestSettings
+from maglev_offline.logs.signals import Signal
 
 
 def messages_of(finding):
@@ -67,6 +68,12 @@ class TestRepeats:
     def test_it_is_told_under_a_clock_that_tells_the_two_apart(self, checked, topics):
         found = checked(self.twice(topics, topics.ms), using=topics.map(clock="log_time"))
         assert messages_of(found["repeated_messages"][0]) == [(51, 51)]
+
+    @pytest.mark.parametrize("clock", ["publish_time", "log_time"])
+    def test_the_number_and_the_time_of_another_with_other_values_is_none(self, checked, topics, clock):
+        columns = self.twice(topics, topics.ms)
+        columns.values["gap"][51] += 1e-5
+        assert "repeated_messages" not in checked(columns, using=topics.map(clock=clock))
 
 
 class TestOrder:
@@ -141,6 +148,25 @@ class TestSeams:
 
     def test_numbers_that_restart_alone_are_none(self, checked, topics):
         assert checked(self.joined(topics, 10, jump=False)) == {}
+
+    @pytest.mark.parametrize("steps", [0, 1])
+    def test_a_set_point_that_hardly_ever_steps_jumps_by_any_step(self, checked, topics, steps):
+        columns = self.joined(topics, 10, jump=False)
+        set_point = np.full(len(columns), 0.008)
+        set_point[400:] = 0.009
+        set_point[100 : 100 + 50 * steps] = 0.010
+        columns.values["set_point"] = set_point
+        using = topics.map(set_point=Signal(field="set_point", unit="m"))
+        assert "set_point jump" in checked(columns, using=using)["seam"][0].numbers["signs"]
+        set_point[400:] = 0.008
+        assert "seam" not in checked(columns, using=using)
+
+    def test_the_next_level_of_a_coarse_signal_is_no_jump(self, checked, topics):
+        columns = self.joined(topics, 10, jump=False)
+        gap = columns.values["gap"]
+        gap[:] = np.rint((gap - gap[399]) / 2.5e-4) * 2.5e-4 + 0.008
+        gap[395:400], gap[400:405] = 0.008, 0.00825
+        assert "seam" not in checked(columns)
 
     def test_a_reset_alone_is_none(self, checked, topics):
         assert set(checked(self.joined(topics, -2000, restart=False))) == {"clock_reset"}

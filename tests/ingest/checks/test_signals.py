@@ -49,6 +49,35 @@ class TestStuck:
         columns.values["gap"][300:500] = 0.016
         assert "stuck" not in checked(columns)
 
+    def coarse(self, topics):
+        """A gap by a converter of few bits: it swings over several levels, then rests within one step, then swings."""
+        columns = topics.columns()
+        gap = columns.values["gap"]
+        gap[300:500] = 0.008 + 1e-5 * np.sin(np.arange(200) / 20)
+        gap[:] = np.rint(gap / 2.5e-4) * 2.5e-4
+        gap[[298, 299, 500, 501]] = 0.00825
+        return columns
+
+    def test_a_coarse_signal_that_rests_on_one_level_is_not(self, checked, topics):
+        assert list(checked(self.coarse(topics))) == ["quantised"]
+
+    def test_it_may_rest_as_well_where_the_log_ends(self, checked, topics):
+        columns = self.coarse(topics)
+        columns.values["gap"][850:] = columns.values["gap"][849]
+        assert list(checked(columns)) == ["quantised"]
+
+    def test_a_coarse_signal_that_is_stuck_and_comes_back_elsewhere_is_found(self, checked, topics):
+        columns = self.coarse(topics)
+        columns.values["gap"][500:505] = 0.0085
+        assert messages_of(checked(columns)["stuck"][0]) == [(300, 499)]
+
+    def test_a_coarse_signal_that_stands_to_the_end_and_never_rested_before_is_found(self, checked, topics):
+        columns = topics.columns()
+        gap = columns.values["gap"]
+        gap[:] = np.rint(gap / 1e-4) * 1e-4
+        gap[850:] = gap[849]
+        assert checked(columns)["stuck"][0].places[0].last_message == 999
+
     def test_a_set_point_that_stands_is_not(self, checked, topics):
         columns = topics.columns()
         columns.values["set_point"] = np.full(1000, 0.008)
@@ -173,6 +202,34 @@ class TestSpikes:
         columns = topics.columns()
         columns.values["gap"][500:] += 0.002
         assert checked(columns) == {}
+
+    def test_a_value_beside_a_pause_is_none(self, checked, topics):
+        columns = topics.columns()
+        for times in (columns.publish_time_ns, columns.log_time_ns):
+            times[500:] += 1500 * topics.ms
+        for k in (499, 500):
+            columns.values["current"][k] += 5
+            assert "spikes" not in checked(columns)
+            columns.values["current"][k] -= 5
+
+    def test_the_crest_of_a_steep_swing_is_none(self, checked, topics):
+        columns = topics.columns()
+        columns.values["current"][496:505] += np.array([6, 9, 12, 14, 15, 14, 12, 9, 6])
+        assert checked(columns) == {}
+
+    def test_what_answers_to_a_step_of_the_set_point_is_none(self, checked, topics):
+        columns = topics.columns()
+        columns.values["current"][[300, 500]] += 5
+        columns.values["set_point"] = np.where(np.arange(1000) < 500, 0.008, 0.007)
+        finding = only(checked(columns, using=topics.map(set_point=Signal(field="set_point", unit="m"))), "spikes")
+        assert messages_of(finding) == [(300, 300)]
+
+    def test_a_spike_is_found_while_the_set_point_moves(self, checked, topics):
+        columns = topics.columns()
+        columns.values["current"][500] += 5
+        columns.values["set_point"] = 0.008 + 1e-6 * np.arange(1000)
+        finding = only(checked(columns, using=topics.map(set_point=Signal(field="set_point", unit="m"))), "spikes")
+        assert messages_of(finding) == [(500, 500)]
 
     def test_where_the_plant_itself_may_jump_between_messages_nothing_is_said(self, checked, topics):
         columns = topics.columns(period_ms=100)
