@@ -19,6 +19,9 @@ from maglev_offline.progress import SILENT, Progress
 IN_MEMORY_BYTES = 96 * 2**20
 """So much of a log is held in memory; what is beyond waits on disk."""
 
+LARGE_BYTES = 256 * 2**20
+"""Of a log that is larger nothing is held: its samples need the memory."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -119,9 +122,9 @@ def _reads(work: Sequence[_Work], wanted: Mapping[str, TopicWanted], scratch: Pa
             for number, (_, part, spans) in enumerate(work)
         )
         return
-    held = 0
+    held = 0 if sum(span.length for _, _, spans in work for span in spans) < LARGE_BYTES else IN_MEMORY_BYTES
     for number, (_, part, spans) in enumerate(work):
-        full = held > IN_MEMORY_BYTES
+        full = held >= IN_MEMORY_BYTES
         read = _read(part, spans, wanted, scratch / f"{number}.slabs" if full else None)
         held += sum(slab.nbytes for slab, _ in read.slabs if isinstance(slab, MemorySlab))
         yield read

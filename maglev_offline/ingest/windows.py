@@ -2,7 +2,7 @@
 
 A window ends where the topics' clocks are settled: every message that could still be sorted in before its end has
 come. Where there is a silence near the end, the window ends there; otherwise a segment is cut in two, which costs one
-transition in a hundred thousand.
+transition in 65,536.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ from maglev_offline.logs.reader import TopicWanted, topic_columns
 from maglev_offline.logs.signals import Clock
 from maglev_offline.logs.slabs import Slab
 
-MOST_MESSAGES = 2**17
+MOST_MESSAGES = 2**16
 """A window holds at most about so many messages of a topic."""
 
 _NEAR_THE_END = 2**13
