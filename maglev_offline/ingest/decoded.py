@@ -8,6 +8,7 @@ from pathlib import Path
 import joblib
 
 from maglev_offline.filesystems import Where
+from maglev_offline.ingest import rules
 from maglev_offline.logs.channels import LogInfo, read_survey
 from maglev_offline.logs.counts import shortfall
 from maglev_offline.logs.reader import ReadRun, TopicWanted, read_run, runs
@@ -135,10 +136,6 @@ def _read(part: Part, spans: tuple[Span, ...], wanted: Mapping[str, TopicWanted]
         return read_run(source, part.structure, spans, wanted, spill_to=spill_to)
 
 
-MISSING = "missing"
-"""The log's statistics count these messages, and they are nowhere in the file; no damage says where they were."""
-
-
 def _believable(claimed: Mapping[int, int] | None, found: Mapping[int, int], damages: Sequence[Damage]) -> list[Damage]:
     """Damages that took no more messages of a channel than the statistics leave for them.
 
@@ -173,7 +170,7 @@ def _lost(structure: Structure, found: Mapping[int, int], damages: Sequence[Dama
     where = next((damage.offset for damage in damages if damage.messages is None), -1)
     for channel_id, count in sorted((missing.in_damage | missing.unexplained).items()):
         detail = "counted by the log's statistics" + (", lost in the damage" if missing.in_damage else "")
-        yield Lost(_topic(structure, channel_id), MISSING, count, detail, where)
+        yield Lost(_topic(structure, channel_id), rules.MISSING, count, detail, where)
 
 
 def _topic(structure: Structure, channel_id: int) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from maglev_offline.ingest import rules
 from maglev_offline.ingest.findings import MOST_PLACES, Finding, Place, Severity
 from maglev_offline.logs.structure import DAMAGES, Damage
 
@@ -26,7 +27,7 @@ def damage_findings(log: str, parts: "Sequence[Part]", decoded: "DecodedLog") ->
                 kinds.setdefault(damage.code, []).append(damage)
         for code, damages in sorted(kinds.items()):
             found.append(_finding(log, Path(str(part.where)).name, code, damages))
-    missing = sum(lost.count for lost in decoded.lost if lost.code == "missing")
+    missing = sum(lost.count for lost in decoded.lost if lost.code == rules.MISSING)
     if missing:
         found.append(
             Finding(
