@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast, get_args
+from typing import Any, cast, get_args
 
 from maglev_offline.agents.settings import Algorithm
 from maglev_offline.errors import ArtefactError, InputError
@@ -18,9 +18,6 @@ from maglev_offline.progress import Progress
 from maglev_offline.recipe import Recipe
 from maglev_offline.transfer.settings import ArmName
 from maglev_offline.workspace import Manifest, Workspace
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
@@ -227,46 +224,58 @@ def identify(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     return Done("identify", folder, fresh, sentence, {"facts": facts}, "Parameters of the plant", COLUMNS, rows)
 
 
-def train(recipe: Recipe, workspace: Workspace, asked: str | None, arm: str, jobs: int, progress: Progress) -> Done:
-    """Train one arm of the algorithms that were asked for.
+def train(
+    recipe: Recipe,
+    workspace: Workspace,
+    asked: str | None,
+    arm: str,
+    jobs: int,
+    progress: Progress,
+    *,
+    tensorboard: bool = False,
+) -> Done:
+    """Train one arm of the algorithms that were asked for; `tensorboard`: write event files of the evaluations too.
 
     Raises
     ------
-    InputError: an arm that is not known.
+    InputError: an arm that is not known, or an engine or TensorBoard that is not there.
     """
+    from maglev_offline.agents import summary
+    from maglev_offline.agents.events import require_tensorboard
     from maglev_offline.agents.stage import load_curves, train_arms
     from maglev_offline.transfer.stage import arms_of
 
     if arm not in get_args(ArmName):
         raise InputError(f"there is no arm {arm!r}.", where="--arm", todo="Give empty or prefill.")
+    if tensorboard:
+        require_tensorboard()
     arms = arms_of(workspace, recipe.world, algorithms(recipe, asked), (cast(ArmName, arm),), recipe.prefill)
-    folders, trained = train_arms(workspace, arms, recipe.world, jobs=jobs, progress=progress)
-    curves = load_curves([folder for group in folders.values() for folder in group])
-    last = curves[curves["env_step"] == recipe.training.steps]
-    rows = [_arm_row(name, group) for name, group in last.groupby(["algorithm", "arm"], sort=False)]
+    folders, trained = train_arms(workspace, arms, recipe.world, jobs=jobs, progress=progress, tensorboard=tensorboard)
+    blocks = [folder for group in folders.values() for folder in group]
+    curves, facts = load_curves(blocks), [Manifest.read(folder).facts for folder in blocks]
+    standings = [
+        *summary.policies(curves),
+        *summary.classical(recipe.plant, recipe.mdp, recipe.evaluation, recipe.control),
+    ]
+    lost = sum(len(fact["diverged_seeds"]) for fact in facts)
+    runs = len(curves.groupby(["algorithm", "arm", "seed"]))
     return Done(
         "train",
         workspace.path("training"),
         trained > 0,
-        f"{len(last)} runs of {recipe.training.steps:,} steps",
-        {"arms": {arm.title: [str(folder) for folder in group] for arm, group in folders.items()}},
-        "Last policies, median over seeds",
-        ("arm", "seeds", "cost", "worst error (mm)", "within 0.5 mm", "settles (s)", "seeds that settle"),
-        rows,
+        f"{runs} runs of {recipe.training.steps:,} steps on the {facts[0]['engine']} engine "
+        f"({facts[0]['instruction_set']})" + (f", {lost} of which diverged" if lost else ""),
+        {
+            "arms": {arm.title: [str(folder) for folder in group] for arm, group in folders.items()},
+            "engine": {key: facts[0][key] for key in ("engine", "engine_why", "instruction_set", "compiler")},
+            "diverged": lost,
+            "standings": [standing.plain() for standing in standings],
+        },
+        f"Median over seeds (least..greatest); return over {len(recipe.evaluation.start_gaps_m)} starts, "
+        f"settling, overshoot and bias from {recipe.evaluation.reference_start_gap_m * 1e3:g} mm",
+        summary.COLUMNS,
+        [standing.cells() for standing in standings],
     )
-
-
-def _arm_row(name: Any, group: pd.DataFrame) -> list[str]:
-    settled = group["settling_time_s"].dropna()
-    return [
-        "-".join(name),
-        str(len(group)),
-        f"{group['cost'].median():.1f}",
-        f"{group['worst_error_m'].median() * 1e3:.2f}",
-        f"{(group['worst_error_m'] <= 0.5e-3).sum()}",
-        f"{settled.median():.3f}" if len(settled) else "never",
-        str(len(settled)),
-    ]
 
 
 def transfer(recipe: Recipe, workspace: Workspace, jobs: int, progress: Progress) -> Done:

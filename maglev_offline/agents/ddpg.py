@@ -1,11 +1,11 @@
-"""Deep deterministic policy gradient: the paper's Algorithm 1, over a block of seeds, on costs.
+"""Deep deterministic policy gradient (Lillicrap et al., 2016; the paper's Algorithm 1), on costs.
 
-Each gradient step, with a batch of transitions (s, u, c, s') of every seed:
+Each gradient step, with a batch of transitions (s, u, c, s', d) of every seed, where d is the discount:
 
-    y   = c + gamma Q'(s', pi'(s'))                       target, from the slow copies
-    phi   <- Adam on  mean (Q(s, u) - y)^2                critic
-    theta <- Adam on  mean  Q(s, pi(s))                   actor goes down the cost
-    phi', theta' <- tau phi + (1 - tau) phi', ...         slow copies follow
+    y      =  c + d Q'(s', pi'(s'))                              (1)  target, from the slow copies
+    phi   <-  Adam down  mean (Q(s, u) - y)^2                    (2)  critic
+    theta <-  Adam down  mean Q(s, pi(s))                        (3)  actor: down the cost
+    phi'  <-  tau phi + (1 - tau) phi',  theta' likewise         (4)  slow copies follow
 
 Losses are summed over the seeds: no seed's gradient touches another seed's parameters.
 """
@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from maglev_offline.agents import networks
+from maglev_offline.agents.adam import Adam
 from maglev_offline.agents.networks import Network
 from maglev_offline.agents.settings import TrainingSettings
 from maglev_offline.replay.buffer import Batch
@@ -27,24 +28,42 @@ class Ddpg:
         self.settings = settings
         self.actor, self.critic = initial_networks(seeds, settings, critics=1, device=device)
         self.slow_actor, self.slow_critic = networks.copy(self.actor), networks.copy(self.critic)
-        self.actor_adam = adam(self.actor, settings.actor_learning_rate)
-        self.critic_adam = adam(self.critic, settings.critic_learning_rate)
+        self.actor_adam = Adam(self.actor, settings.actor_learning_rate)
+        self.critic_adam = Adam(self.critic, settings.critic_learning_rate)
 
     def update(self, batch: Batch, noise: Tensor, step: int) -> None:  # noqa: ARG002
         """One gradient step on a batch [seeds, rows, ...]; `noise` and `step` are not used by DDPG."""
         with torch.no_grad():
             next_action = networks.act(self.slow_actor, batch.next_observation)
             slow_value = networks.value(self.slow_critic, batch.next_observation, next_action)
-            target = batch.cost + batch.discount * slow_value
+            target = batch.cost + batch.discount * slow_value  # (1)
 
         error = networks.value(self.critic, batch.observation, batch.action) - target
-        descend(self.critic_adam, error.square().mean(-2).sum())
+        self.critic_adam.descend(error.square().mean(-2).sum())  # (2)
 
-        policy = networks.act(self.actor, batch.observation, training=True)
-        descend(self.actor_adam, networks.value(self.critic, batch.observation, policy).mean(-2).sum())
+        loss = actor_loss(self.actor, networks.member(self.critic, 0), batch, self.settings.cloning_weight)
+        self.actor_adam.descend(loss)  # (3)
 
-        networks.track(self.slow_critic, self.critic, self.settings.target_rate)
+        networks.track(self.slow_critic, self.critic, self.settings.target_rate)  # (4)
         networks.track(self.slow_actor, self.actor, self.settings.target_rate)
+
+
+def actor_loss(actor: Network, critic: Network, batch: Batch, cloning_weight: float) -> Tensor:
+    """What the actor goes down, summed over the seeds: mean Q(s, pi(s)), and a pull to logged actions if asked for.
+
+    With a weight w > 0, after TD3+BC (Fujimoto & Gu, 2021, eqs. 3 and 5), where the sum runs over prefilled rows alone:
+
+        mean Q(s, pi(s)) / mean |Q(s, pi(s))|  +  w / rows  sum (pi(s) - u)^2
+    """
+    policy = networks.act(actor, batch.observation, training=True)
+    cost_to_go = networks.value(critic, batch.observation, policy)
+    if not cloning_weight:
+        return cost_to_go.mean(-2).sum()
+    scaled = cost_to_go.mean(-2) / cost_to_go.detach().abs().mean(-2)
+    if batch.prefilled is None:
+        return scaled.sum()
+    away = (batch.prefilled * (policy - batch.action).square()).mean(-2)
+    return (scaled + cloning_weight * away).sum()
 
 
 def initial_networks(
@@ -61,24 +80,12 @@ def initial_networks(
         for seed in seeds
     ]
     twins = [
-        networks.stack([networks.init_critic(stream(seed, f"critic {k} weights"), settings.hidden) for seed in seeds])
+        networks.stack(
+            [
+                networks.init_critic(stream(seed, f"critic {k} weights"), settings.hidden, settings.layer_norm_critic)
+                for seed in seeds
+            ]
+        )
         for k in range(critics)
     ]
-    return _on(networks.stack(actors), device), _on(networks.stack(twins), device)
-
-
-def _on(net: Network, device: str) -> Network:
-    return {name: value.to(device).requires_grad_(name not in networks.STATISTICS) for name, value in net.items()}
-
-
-def adam(net: Network, learning_rate: float) -> torch.optim.Adam:
-    """The optimiser of one network of all seeds; Adam works by element, so the seeds stay apart."""
-    return torch.optim.Adam(networks.trainable(net), lr=learning_rate, fused=True)
-
-
-def descend(optimiser: torch.optim.Adam, loss: Tensor) -> None:
-    """One step down the loss in the parameters of this optimiser, and of no other."""
-    parameters = optimiser.param_groups[0]["params"]
-    for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters), strict=True):
-        parameter.grad = gradient
-    optimiser.step()
+    return networks.trained(networks.stack(actors), device), networks.trained(networks.stack(twins), device)

@@ -1,6 +1,6 @@
 """The random numbers of training: one named stream for each purpose of each seed, drawn in chunks."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,15 @@ class Draws(NamedTuple):
     force: Array | None
 
 
+PURPOSES = ("start", "exploration", "uniform action", "batch", "smoothing", "force")
+
+
 class DrawStreams:
     """The generators of a block of seeds. An arm of a study uses the same ones as any other: runs are paired."""
 
     def __init__(self, seeds: list[int], batch_size: int, plant_steps: int, force_std_n: float) -> None:
         self._batch_size, self._plant_steps, self._force_std_n = batch_size, plant_steps, force_std_n
-        self._of = {
-            name: [stream(seed, name) for seed in seeds]
-            for name in ("start", "exploration", "uniform action", "batch", "smoothing", "force")
-        }
+        self._of = {name: [stream(seed, name) for seed in seeds] for name in PURPOSES}
 
     def draw(self, steps: int) -> Draws:
         """Draw the numbers of the next `steps` steps of every seed."""
@@ -55,3 +55,25 @@ class DrawStreams:
             smoothing=each("smoothing", (self._batch_size,), "normal").astype(np.float32),
             force=force,
         )
+
+    def state(self) -> NDArray[np.uint64]:
+        """Where the generators are: [purposes, seeds, 4]: PCG64's state and increment in halves, high first."""
+        return np.array([[_words(rng) for rng in self._of[name]] for name in PURPOSES], dtype=np.uint64)
+
+    def restore(self, state: NDArray[np.uint64]) -> None:
+        """Put the generators where `state` was taken."""
+        for name, of_seeds in zip(PURPOSES, state, strict=True):
+            for rng, words in zip(self._of[name], of_seeds, strict=True):
+                high, low, step_high, step_low = (int(word) for word in words)
+                rng.bit_generator.state = {
+                    "bit_generator": "PCG64",
+                    "state": {"state": high << 64 | low, "inc": step_high << 64 | step_low},
+                    "has_uint32": 0,  # only draws of 32 bits leave a half behind, and there are none
+                    "uinteger": 0,
+                }
+
+
+def _words(rng: np.random.Generator) -> list[int]:
+    state: Any = rng.bit_generator.state["state"]
+    mask = (1 << 64) - 1
+    return [state["state"] >> 64, state["state"] & mask, state["inc"] >> 64, state["inc"] & mask]

@@ -41,25 +41,23 @@ class PolicyFeedback:
         return self.mdp.voltage_limit_v * np.nan_to_num(act.numpy().astype(np.float64)).reshape(-1), None
 
 
-def roll_out(actor: Actor, plant: Plant, mdp: Mdp, evaluation: EvaluationSettings) -> Trajectory:
-    """Let the actors of a block regulate from all starts, the reported ones and then those for selection.
-
-    Every number and every curve of an evaluation comes from this one rollout: another batch shape would round
-    otherwise, and the unstable plant makes other responses of it.
-    """
-    starts = np.array([*evaluation.start_gaps_m, *evaluation.selection_gaps_m])
+def roll_out(actor: Actor, plant: Plant, mdp: Mdp, starts_m: Array) -> Trajectory:
+    """Let the actors of a block regulate from all starts [n] for one episode: columns [seeds x n]."""
     return regulate(
         plant,
         mdp,
         PolicyFeedback(actor, mdp),
-        np.tile(starts, len(actor["w3"])),
+        np.tile(starts_m, len(actor["w3"])),
         mdp.episode_duration_s,
         control_period_s=mdp.control_period_ms / 1e3,
     )
 
 
 def judge(response: Trajectory, actor: Actor, plant: Plant, mdp: Mdp, evaluation: EvaluationSettings) -> pd.DataFrame:
-    """Judge the actors of a block by their rollout, one row for a seed.
+    """Judge the actors of a block by their rollout from `evaluation.all_starts_m`, one row for a seed.
+
+    Every number and every curve of an evaluation comes from one rollout: another batch shape may round otherwise, and
+    the unstable plant makes other responses of it.
 
     `cost` (and `return` = -cost), `gap_rmse_m`, `contact_fraction` and `saturation_fraction` are means over the
     starts, `worst_error_m` is the largest |gap error| over the last 20 % of any of them; `settling_time_s` (NaN:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 Network = dict[str, Tensor]
 
-BATCH_NORM_EPS = 1e-5
+BATCH_NORM_EPS = LAYER_NORM_EPS = 1e-5
 BATCH_NORM_MOMENTUM = 0.1
 STATISTICS = ("mean_1", "var_1", "mean_2", "var_2")
 """Running statistics of the batch norm: moved by averaging, never by a gradient."""
@@ -43,12 +43,15 @@ def init_actor(rng: np.random.Generator, hidden: tuple[int, int], last_layer_sca
     return net
 
 
-def init_critic(rng: np.random.Generator, hidden: tuple[int, int]) -> Network:
+def init_critic(rng: np.random.Generator, hidden: tuple[int, int], layer_norm: bool = False) -> Network:
     """Critic of one seed: the action enters at the second layer (paper, Sec. V)."""
     net: Network = {}
     net["w1"], net["b1"] = _linear(rng, 3, hidden[0])
     net["w2"], net["b2"] = _linear(rng, hidden[0] + 1, hidden[1])
     net["w3"], net["b3"] = _linear(rng, hidden[1], 1)
+    if layer_norm:
+        for layer, width in enumerate(hidden, start=1):
+            net[f"gain_{layer}"], net[f"shift_{layer}"] = torch.ones(1, width), torch.zeros(1, width)
     return net
 
 
@@ -57,9 +60,14 @@ def stack(nets: list[Network]) -> Network:
     return {name: torch.stack([net[name] for net in nets]) for name in nets[0]}
 
 
-def trainable(net: Network) -> list[Tensor]:
-    """The parameters that a gradient moves."""
-    return [value for name, value in net.items() if name not in STATISTICS]
+def trained(net: Network, device: str) -> Network:
+    """The network on a device, its parameters as leaves that gradients are taken of."""
+    return {name: value.to(device).requires_grad_(name not in STATISTICS) for name, value in net.items()}
+
+
+def member(net: Network, index: int) -> Network:
+    """One of the networks along the leading axis, the first critic for instance: the same memory, without gradients."""
+    return {name: value.detach()[index] for name, value in net.items()}
 
 
 def copy(net: Network) -> Network:
@@ -80,8 +88,13 @@ def _normalised(net: Network, layer: int, h: Tensor, training: bool) -> Tensor:
 
 def _hidden(net: Network, layer: int, h: Tensor, training: bool) -> Tensor:
     if f"gain_{layer}" in net:
-        return torch.relu(_normalised(net, layer, torch.matmul(h, net[f"w{layer}"]), training))
-    return torch.relu(torch.matmul(h, net[f"w{layer}"]) + net[f"b{layer}"])
+        return torch.relu_(_normalised(net, layer, torch.matmul(h, net[f"w{layer}"]), training))
+    return torch.relu_(torch.matmul(h, net[f"w{layer}"]).add_(net[f"b{layer}"]))
+
+
+def _output(net: Network, h: Tensor) -> Tensor:
+    """The last layer: a sum of products, since a batched product with one column costs as much as one with forty."""
+    return (h * net["w3"].transpose(-1, -2)).sum(-1, keepdim=True) + net["b3"]
 
 
 def act(net: Network, observation: Tensor, *, training: bool = False) -> Tensor:
@@ -91,15 +104,23 @@ def act(net: Network, observation: Tensor, *, training: bool = False) -> Tensor:
     """
     h = _hidden(net, 1, observation, training)
     h = _hidden(net, 2, h, training)
-    return torch.tanh(torch.matmul(h, net["w3"]) + net["b3"])
+    return torch.tanh(_output(net, h))
+
+
+def _layer_normed(net: Network, layer: int, h: Tensor) -> Tensor:
+    if f"gain_{layer}" not in net:
+        return h
+    normed = torch.nn.functional.layer_norm(h, h.shape[-1:], eps=LAYER_NORM_EPS)
+    return normed * net[f"gain_{layer}"] + net[f"shift_{layer}"]
 
 
 def value(net: Network, observation: Tensor, action: Tensor) -> Tensor:
     """Q(s, a), a cost to be made small: [..., batch, 3] and [..., batch, 1] -> [..., batch, 1]."""
-    h = torch.relu(torch.matmul(observation, net["w1"]) + net["b1"])
+    h = torch.matmul(observation, net["w1"]).add_(net["b1"])
+    h = torch.relu_(_layer_normed(net, 1, h))
     action = action.expand(*h.shape[:-1], 1)
-    h = torch.relu(torch.matmul(torch.cat((h, action), dim=-1), net["w2"]) + net["b2"])
-    return torch.matmul(h, net["w3"]) + net["b3"]
+    h = torch.matmul(torch.cat((h, action), dim=-1), net["w2"]).add_(net["b2"])
+    return _output(net, torch.relu_(_layer_normed(net, 2, h)))
 
 
 def track(target: Network, net: Network, rate: float) -> None:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,15 +11,18 @@ import joblib
 import numpy as np
 import pandas as pd
 
+from maglev_offline.agents.engine import Choice, choose_engine, provenance
 from maglev_offline.agents.settings import Algorithm, EvaluationSettings, TrainingSettings
+from maglev_offline.agents.ticks import FileTicker, tick_file
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
-from maglev_offline.progress import SILENT, Progress, Ticker
+from maglev_offline.progress import SILENT, Progress
 from maglev_offline.tables import write_parquet
-from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
+from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash, package_versions
 
 if TYPE_CHECKING:  # torch takes seconds to import, and a finished study does not need it
-    from maglev_offline.agents.training import Trained
+    from maglev_offline.agents.checkpoint import Checkpoint
+    from maglev_offline.agents.record import Trained
 
 
 class Arm(NamedTuple):
@@ -48,71 +48,149 @@ class World(NamedTuple):
 
 
 class _Task(NamedTuple):
+    """One block to train: `from_step` is where its checkpoint goes on, `events` where its event files go, if any."""
+
     arm: Arm
     seeds: list[int]
     folder: Path
     mark: str
     inputs: dict[str, str]
+    engine: Choice
+    threads: int = 1
+    from_step: int = 0
+    events: Path | None = None
 
 
 def train_arms(
-    workspace: Workspace, arms: list[Arm], world: World, *, jobs: int = 1, progress: Progress = SILENT
+    workspace: Workspace,
+    arms: list[Arm],
+    world: World,
+    *,
+    jobs: int = 1,
+    progress: Progress = SILENT,
+    tensorboard: bool = False,
 ) -> tuple[dict[Arm, list[Path]], int]:
     """Train whatever is missing of the arms; return the block folders of each arm, and how many blocks were trained.
 
-    A block that is in the workspace with the same inputs and recipe is taken as it is, so that an interrupted study
-    goes on where it stopped, and more seeds only add blocks. Any number of `jobs` gives the same bytes.
+    A block that is in the workspace with the same inputs and recipe is taken as it is, so that more seeds only add
+    blocks; one that was stopped goes on at its last checkpoint. Any number of `jobs` gives the same bytes. With
+    `tensorboard` the evaluations also go to event files below `tensorboard/` in the workspace.
+
+    Raises
+    ------
+    InputError: the recipe asks for the native engine, and it cannot run here.
     """
-    tasks = [task for arm in arms for task in _tasks(workspace, arm, world)]
+    engine = choose_engine(world.training.engine)
+    tasks = [task for arm in arms for task in _tasks(workspace, arm, world, engine)]
     folders = {arm: [task.folder for task in tasks if task.arm == arm] for arm in arms}
     missing = [task for task in tasks if not workspace.is_current(task.folder, task.mark)]
     if not missing:
         return folders, 0
-    runs = sum(len(task.seeds) for task in missing)
-    total = runs * world.training.steps
-    progress.say(
-        f"training: {runs} runs of {world.training.steps:,} steps, in {len(missing)} blocks of {world.training.block} "
-        f"seeds; what is stopped goes on at its first unfinished block."
-    )
-    with progress.task("training", total, "steps") as tick, _tick_file(tick) as ticks:
-        pool = joblib.Parallel(n_jobs=min(jobs, len(missing)), return_as="generator_unordered", batch_size=1)
+    workers = min(jobs, len(missing))
+    missing = [
+        task._replace(
+            threads=max(1, jobs // workers) if engine.engine == "native" else 1,
+            from_step=_looked_at(task, world, progress),
+            events=workspace.path("tensorboard", task.arm.title) if tensorboard else None,
+        )
+        for task in missing
+    ]
+    progress.say(_announced(missing, world, engine))
+    total = sum(len(task.seeds) * (world.training.steps - task.from_step) for task in missing)
+    with progress.task("training", total, "steps") as tick, tick_file(tick) as counted:
+        pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
         for number, trained in pool(
-            joblib.delayed(_train)(number, task, world, ticks) for number, task in enumerate(missing)
+            joblib.delayed(_train)(number, task, world, counted) for number, task in enumerate(missing)
         ):
             _commit(workspace, missing[number], world, trained)
     return folders, len(missing)
 
 
-def _tasks(workspace: Workspace, arm: Arm, world: World) -> list[_Task]:
+def _tasks(workspace: Workspace, arm: Arm, world: World, engine: Choice) -> list[_Task]:
     seeds, block = world.training.seed_list, world.training.block
     inputs = {} if arm.prefill is None else {f"prefill/{arm.prefill.name}": input_hash(arm.prefill)}
-    # What the block depends on is its own seeds, not how many there are in the study.
-    shared = world.training.model_copy(update={"seeds": 1, "first_seed": 0, "algorithms": (arm.algorithm,)})
+    # What the block depends on is its own seeds, not how many there are in the study, and the engine that is taken.
+    shared = world.training.model_copy(
+        update={"seeds": 1, "first_seed": 0, "algorithms": (arm.algorithm,), "engine": "auto", "checkpoint_every": 1}
+    )
     tasks = []
     for start in range(0, len(seeds), block):
         group = seeds[start : start + block]
         folder = workspace.path("training", arm.title, f"seeds-{group[0]:04d}-{group[-1]:04d}")
         mark = fingerprint(
             "train", inputs, world.plant, world.mdp, shared, world.evaluation,
-            algorithm=arm.algorithm, arm=arm.name, seeds=group,
+            algorithm=arm.algorithm, arm=arm.name, seeds=group, engine=engine.engine,
         )  # fmt: skip
-        tasks.append(_Task(arm, group, folder, mark, inputs))
+        tasks.append(_Task(arm, group, folder, mark, inputs, engine))
     return tasks
 
 
-def _train(number: int, task: _Task, world: World, ticks: Path) -> tuple[int, Trained]:
+def _announced(missing: list[_Task], world: World, engine: Choice) -> str:
+    resumed = sum(task.from_step > 0 for task in missing)
+    return (
+        f"training: {sum(len(task.seeds) for task in missing)} runs of {world.training.steps:,} steps, in "
+        f"{len(missing)} blocks of {world.training.block} seeds"
+        f"{f', {resumed} of which go on at a checkpoint' if resumed else ''}. "
+        f"Engine: {engine.engine}, because {engine.why}. What is stopped goes on at its last checkpoint."
+    )
+
+
+def _checkpoint(task: _Task) -> Checkpoint:
+    """The checkpoint of a block, beside its place. Other versions or another machine's instructions round otherwise."""
+    from maglev_offline.agents.checkpoint import Checkpoint
+
+    made_with = sorted({**package_versions(), **provenance(task.engine.engine)}.items())
+    mark = sha256(f"{task.mark} {made_with}".encode()).hexdigest()
+    return Checkpoint(task.folder.parent / f".{task.folder.name}.partial", mark, len(task.seeds))
+
+
+def _looked_at(task: _Task, world: World, progress: Progress) -> int:
+    """The step at which the block's checkpoint goes on, 0 without one; one that cannot be used is told and removed."""
+    from maglev_offline.agents.checkpoint import Unusable
+
+    checkpoint = _checkpoint(task)
+    if not checkpoint.folder.is_dir():
+        return 0
+    name = f"{task.arm.title}/{task.folder.name}"
+    with checkpoint.held():
+        try:
+            saved = checkpoint.load(most_rows=1)
+        except Unusable as why:
+            progress.warn(f"the checkpoint of {name} is not used: {why}. That block is trained from its first step.")
+            checkpoint.remove()
+            return 0
+    if saved is None:
+        return 0
+    progress.say(f"{name} goes on at step {saved.step:,} of {world.training.steps:,}.")
+    return saved.step
+
+
+def _train(number: int, task: _Task, world: World, tick: FileTicker) -> tuple[int, Trained]:
+    from maglev_offline.agents.events import EventFiles
     from maglev_offline.agents.training import train_block
     from maglev_offline.replay.prefill import load_prefill, packed
 
     rows = None if task.arm.prefill is None else packed(load_prefill(task.arm.prefill))
-
-    def tick(done: int) -> None:
-        with ticks.open("ab") as file:
-            file.write(done.to_bytes(8, "little"))
-
-    trained = train_block(
-        task.arm.algorithm, task.seeds, world.plant, world.mdp, world.training, world.evaluation, rows, tick
-    )
+    with ExitStack() as stack:
+        checkpoint = _checkpoint(task)
+        stack.enter_context(checkpoint.held())
+        events = None
+        if task.events is not None:
+            events = stack.enter_context(EventFiles(task.events, task.seeds, task.from_step))
+        trained = train_block(
+            task.arm.algorithm,
+            task.seeds,
+            world.plant,
+            world.mdp,
+            world.training,
+            world.evaluation,
+            rows,
+            tick,
+            engine=task.engine.engine,
+            threads=task.threads,
+            checkpoint=checkpoint,
+            see=None if events is None else events.see,
+        )
     return number, trained
 
 
@@ -122,14 +200,16 @@ def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained) -
     manifest = Manifest(f"training/{task.arm.title}/{task.folder.name}", task.mark, task.inputs)
     manifest.settings = {name: table.model_dump(mode="json") for name, table in world._asdict().items()}
     manifest.counts = {"seeds": len(task.seeds), "steps": world.training.steps, "evaluations": len(trained.curves)}
-    final = trained.curves[trained.curves["env_step"] == world.training.steps]
     manifest.facts = {
         "algorithm": task.arm.algorithm,
         "arm": task.arm.name,
         "seeds": task.seeds,
-        "engine": "torch",
+        "engine": task.engine.engine,
+        "engine_why": task.engine.why,
+        **provenance(task.engine.engine),
         "block": world.training.block,
-        "diverged_seeds": [int(s) for s in final.loc[final["diverged"], "seed"]],
+        "diverged_seeds": list(trained.diverged_at),
+        "diverged_at": {str(seed): step for seed, step in trained.diverged_at.items()},
     }
     with workspace.commit(task.folder, manifest) as draft:
         for name, table in (("curves", trained.curves), ("regulation", trained.regulation)):
@@ -137,35 +217,7 @@ def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained) -
             write_parquet(table, draft / f"{name}.parquet")
         for name, net in (("last", trained.last), ("best", trained.best)):
             save_file({key: np.ascontiguousarray(value) for key, value in net.items()}, draft / f"{name}.safetensors")
-
-
-@contextmanager
-def _tick_file(tick: Ticker) -> Iterator[Path]:
-    """A file that workers append their progress to, read by a thread here: works across any kind of process."""
-    handle, name = tempfile.mkstemp(prefix="maglev-offline-ticks-")
-    os.close(handle)
-    path, stop = Path(name), threading.Event()
-
-    def watch() -> None:
-        offset = 0
-        while True:
-            last_round = stop.wait(0.5)
-            data = path.read_bytes()[offset:]
-            whole = len(data) // 8 * 8
-            for at in range(0, whole, 8):
-                tick(int.from_bytes(data[at : at + 8], "little"))
-            offset += whole
-            if last_round:
-                return
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield path
-    finally:
-        stop.set()
-        thread.join()
-        path.unlink(missing_ok=True)
+    _checkpoint(task).remove()
 
 
 def load_curves(folders: list[Path]) -> pd.DataFrame:

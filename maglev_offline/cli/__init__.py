@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import typer
 
-from maglev_offline.cli import data, learning, road
+from maglev_offline.cli import data, learning, policies, road
 from maglev_offline.errors import InputError, MaglevOfflineError
 
 BAD_INPUT, STOPPED = InputError.exit_code, 130
@@ -42,7 +42,7 @@ def _root(
     pass
 
 
-for module in (data, learning, road):
+for module in (data, learning, policies, road):
     module.add_commands(app)
 
 
@@ -70,7 +70,7 @@ def run() -> int:
             )
         return _tell(told)
     if code == STOPPED:
-        print("stopped. What is finished is kept; a training goes on at its first unfinished block.", file=sys.stderr)
+        print("stopped. What is finished is kept; a training goes on at its last checkpoint.", file=sys.stderr)
     return code if isinstance(code, int) else 0
 
 

@@ -22,6 +22,11 @@ from maglev_offline.cli.options import (
 Seeds = Annotated[int | None, typer.Option("--seeds", min=1, help="Seeds in each arm. [default: the recipe's]")]
 Steps = Annotated[int | None, typer.Option("--steps", min=1, help="Decisions in a run. [default: the recipe's]")]
 
+EngineOption = Annotated[
+    str | None,
+    typer.Option("--engine", help="auto, torch or native; auto takes native where it runs. [default: the recipe's]"),
+]
+
 
 def add_commands(app: typer.Typer) -> None:
     """Put the commands on the plant and on learning into `app`."""
@@ -114,6 +119,10 @@ def train(
     arm: Annotated[str, typer.Option("--arm", help="empty, or prefill: start from the logged rows.")] = "empty",
     seeds: Seeds = None,
     steps: Steps = None,
+    engine: EngineOption = None,
+    tensorboard: Annotated[
+        bool, typer.Option("--tensorboard", help="Write event files for TensorBoard (extra `tensorboard`), too.")
+    ] = False,
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
@@ -125,8 +134,11 @@ def train(
     from maglev_offline import pipeline
 
     session = _resized(open_session(recipe, workspace, as_json, quiet, plant), seeds, steps)
+    session = with_options(session, "training", engine=engine)
     with session.at_work("train"):
-        done = pipeline.train(session.recipe, session.workspace, algo, arm, cores(jobs), session.talk)
+        done = pipeline.train(
+            session.recipe, session.workspace, algo, arm, cores(jobs), session.talk, tensorboard=tensorboard
+        )
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
 
@@ -134,6 +146,7 @@ def train(
 def transfer(
     seeds: Seeds = None,
     steps: Steps = None,
+    engine: EngineOption = None,
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
@@ -145,6 +158,7 @@ def transfer(
     from maglev_offline import pipeline
 
     session = _resized(open_session(recipe, workspace, as_json, quiet, plant), seeds, steps)
+    session = with_options(session, "training", engine=engine)
     with session.at_work("transfer"):
         done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk)
     session.talk.table(done.title, list(done.columns), done.rows)

@@ -148,7 +148,9 @@ def load_prefill(folder: Path) -> Columns:
 
 
 def packed(columns: Columns) -> NDArray[np.float32]:
-    """Pack the columns of a prefill into rows [n, 9] for `ReplayBuffer.prefill`."""
+    """Pack the columns of a prefill into rows [n, WIDTH] for `ReplayBuffer.prefill`; no row is followed by the next."""
     from maglev_offline.replay.buffer import pack
 
-    return pack(*(columns[name] for name in FIELDS))
+    last = np.ones(len(columns["action"]), dtype=bool)
+    observation, action, cost, following, discount = (columns[name] for name in FIELDS)
+    return pack(observation, action, cost, following, discount, last)

@@ -121,7 +121,8 @@ class Evidence:
         """Names of artefacts that another recipe made: `name ([table], ...)`."""
         found = []
         for name, artefact in self.artefacts.items():
-            made, wanted = (_without_none(tables) for tables in (artefact.manifest.settings, recipe))
+            both = (artefact.manifest.settings, recipe)
+            made, wanted = (_without_training(_without_none(tables), _MEANS) for tables in both)
             if name.startswith("training/"):
                 made, wanted = _without_seeds(made), _without_seeds(wanted)
             other = [f"[{table}]" for table, value in made.items() if table in wanted and value != wanted[table]]
@@ -145,9 +146,17 @@ def _training_of(block: Artefact) -> Any:
 
 def _without_seeds(tables: Mapping[str, Any]) -> dict[str, Any]:
     """Tables of a recipe without what does not touch a single block: how many seeds and algorithms there are."""
-    training = tables.get("training", {})
-    kept = {key: value for key, value in training.items() if key not in ("seeds", "first_seed", "algorithms")}
-    return {**tables, "training": kept}
+    return _without_training(tables, ("seeds", "first_seed", "algorithms", *_MEANS))
+
+
+_MEANS = ("engine", "checkpoint_every")
+"""By what means training is asked for; the engine that was taken is a fact of the block."""
+
+
+def _without_training(tables: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
+    if "training" not in tables:
+        return dict(tables)
+    return {**tables, "training": {key: value for key, value in tables["training"].items() if key not in keys}}
 
 
 def _without_none(value: Any) -> Any:

@@ -34,3 +34,15 @@ def test_force_noise_has_one_value_for_each_plant_step_and_seed():
     assert draws.force.shape == (400, 3, 2)
     assert abs(draws.force.std() - 500) < 25
     assert streams([0, 1]).draw(2).force is None
+
+
+def test_streams_go_on_where_their_state_was_taken():
+    one, other = streams([0, 1], force_std_n=10.0), streams([0, 1], force_std_n=10.0)
+    one.draw(13)
+    state = one.state()
+    assert state.dtype == np.uint64
+    assert state.shape == (6, 2, 4)
+    expected = one.draw(7)
+    other.restore(state)
+    for a, b in zip(expected, other.draw(7), strict=True):
+        np.testing.assert_array_equal(a, b)

@@ -16,7 +16,7 @@ def actor():
 
 
 def evaluate(actor, plant, mdp, evaluation):
-    return judge(roll_out(actor, plant, mdp, evaluation), actor, plant, mdp, evaluation)
+    return judge(roll_out(actor, plant, mdp, evaluation.all_starts_m), actor, plant, mdp, evaluation)
 
 
 def linear_actor(world):
@@ -67,7 +67,7 @@ def test_an_actor_that_diverged_is_marked_and_still_scored(world, actor):
 
 
 def test_regulation_starts_at_the_reference_gap_with_the_current_of_the_set_point(world, actor):
-    response = roll_out(actor, world.plant, world.mdp, world.evaluation)
+    response = roll_out(actor, world.plant, world.mdp, world.evaluation.all_starts_m)
     table = regulation(response, [4, 5, 6], world.evaluation)
     first = table[table["t_s"] == 0]
     assert first["seed"].tolist() == [4, 5, 6]
@@ -77,7 +77,7 @@ def test_regulation_starts_at_the_reference_gap_with_the_current_of_the_set_poin
 
 
 def test_the_worst_error_is_the_largest_over_the_reported_starts_and_the_end_of_the_episode(world, actor):
-    response = roll_out(actor, world.plant, world.mdp, world.evaluation)
+    response = roll_out(actor, world.plant, world.mdp, world.evaluation.all_starts_m)
     starts = len(world.evaluation.start_gaps_m) + len(world.evaluation.selection_gaps_m)
     error = np.abs(response.gap_m - world.plant.set_point_m)
     last = error[-round(0.2 * len(error)) :].max(axis=0).reshape(3, starts)
@@ -86,7 +86,7 @@ def test_the_worst_error_is_the_largest_over_the_reported_starts_and_the_end_of_
 
 
 def test_regulation_shows_the_very_responses_that_are_judged(world, actor):
-    response = roll_out(actor, world.plant, world.mdp, world.evaluation)
+    response = roll_out(actor, world.plant, world.mdp, world.evaluation.all_starts_m)
     starts = [*world.evaluation.start_gaps_m, *world.evaluation.selection_gaps_m]
     place = starts.index(world.evaluation.reference_start_gap_m)
     table = regulation(response, [4, 5], world.evaluation)

@@ -77,9 +77,8 @@ def test_acting_uses_the_running_statistics_and_does_not_move_them():
 
 
 def test_no_gradient_moves_a_running_statistic():
-    net = networks.stack([actor(batch_norm=True)])
-    names = {name for name in net if name not in networks.STATISTICS}
-    assert len(networks.trainable(net)) == len(names)
+    net = networks.trained(networks.stack([actor(batch_norm=True)]), "cpu")
+    assert {name for name, value in net.items() if not value.requires_grad} == set(networks.STATISTICS)
 
 
 def test_the_slow_copy_goes_a_share_of_the_way():
@@ -92,3 +91,33 @@ def test_initial_weights_lie_within_one_over_the_root_of_the_fan_in():
     net = networks.init_actor(stream(0, "actor weights"), (40, 40), 0.05, False)
     assert net["w2"].abs().max() <= 1 / np.sqrt(40)
     assert net["w3"].abs().max() <= 0.05 / np.sqrt(40)
+
+
+def test_layer_norm_normalises_the_features_of_a_critics_row_before_the_relu():
+    net = networks.init_critic(stream(0, "critic 0 weights"), (6, 5), layer_norm=True)
+    generator = torch.Generator().manual_seed(6)
+    for layer, width in ((1, 6), (2, 5)):
+        net[f"gain_{layer}"] = torch.randn(1, width, generator=generator)
+        net[f"shift_{layer}"] = torch.randn(1, width, generator=generator)
+    seen, act = torch.randn(4, 3, generator=generator), torch.randn(4, 1, generator=generator)
+
+    def normed(layer, h):
+        return torch.nn.functional.layer_norm(h, h.shape[-1:], net[f"gain_{layer}"][0], net[f"shift_{layer}"][0], 1e-5)
+
+    first = torch.relu(normed(1, seen @ net["w1"] + net["b1"]))
+    second = torch.relu(normed(2, torch.cat((first, act), 1) @ net["w2"] + net["b2"]))
+    torch.testing.assert_close(networks.value(net, seen, act), second @ net["w3"] + net["b3"])
+
+
+def test_layer_norm_starts_from_the_weights_of_a_critic_without_it():
+    with_norm = networks.init_critic(stream(0, "critic 0 weights"), (6, 5), layer_norm=True)
+    assert all(torch.equal(value, with_norm[name]) for name, value in critic().items())
+
+
+def test_one_of_several_networks_shares_their_memory_and_takes_no_gradient():
+    net = networks.trained(networks.stack([critic(0), critic(1)]), "cpu")
+    one = networks.member(net, 1)
+    assert not one["w1"].requires_grad
+    with torch.no_grad():
+        net["w1"][1] += 1
+    assert torch.equal(one["w1"], net["w1"][1])

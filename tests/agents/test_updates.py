@@ -58,7 +58,7 @@ def close(stacked, seed, expected, critic=None):
 
 
 def rows_of(batch, seed):
-    return Batch(*(field[seed] for field in batch))
+    return Batch(*(field[seed] for field in batch[:5]))
 
 
 def test_ddpg_is_algorithm_1(settings, batch, noise):
@@ -115,7 +115,7 @@ def test_td3_moves_its_actor_and_slow_copies_every_second_step_only(settings, ba
 @pytest.mark.parametrize("algorithm", [Ddpg, Td3])
 def test_no_seed_touches_another(algorithm, settings, batch, noise):
     plain, spoiled = algorithm(SEEDS, settings), algorithm(SEEDS, settings)
-    other = Batch(*(field.clone() for field in batch))
+    other = Batch(*(field.clone() for field in batch[:5]))
     other.cost[1] += 100.0
     plain.update(batch, noise, step=2)
     spoiled.update(other, noise, step=2)
@@ -155,3 +155,39 @@ def test_batch_norm_in_the_actor_learns_too(settings, batch, noise):
     agent.update(batch, noise, step=2)
     assert not torch.equal(agent.actor["gain_1"], before["gain_1"])
     assert not torch.equal(agent.actor["mean_1"], before["mean_1"])
+
+
+@pytest.mark.parametrize("algorithm", [Ddpg, Td3])
+def test_cloning_pulls_the_actor_to_the_actions_of_prefilled_rows_alone(algorithm, settings, batch, noise):
+    """Normalised cost-to-go plus the weighted squared distance, over the whole batch."""
+    weight = 2.5
+    agent = algorithm(SEEDS, settings.model_copy(update={"cloning_weight": weight}))
+    prefilled = torch.zeros(len(SEEDS), ROWS, 1)
+    prefilled[:, :5] = 1.0
+    start = [seed_of(agent.actor, s) for s in range(len(SEEDS))]
+    agent.update(batch._replace(prefilled=prefilled), noise, step=2)
+    for seed, actor in enumerate(start):
+        one, critic = rows_of(batch, seed), seed_of(agent.critic, seed, 0)  # the actor goes down the updated critic
+        policy = networks.act(actor, one.observation)
+        value = networks.value(critic, one.observation, policy)
+        away = (policy - one.action)[:5].square().sum() / ROWS
+        loss = value.mean() / value.detach().abs().mean() + weight * away
+        close(agent.actor, seed, adam_step(actor, loss, settings.actor_learning_rate))
+
+
+@pytest.mark.parametrize("algorithm", [Ddpg, Td3])
+def test_without_a_weight_the_logged_actions_do_not_matter(algorithm, settings, batch, noise):
+    plain, other = algorithm(SEEDS, settings), algorithm(SEEDS, settings)
+    plain.update(batch, noise, step=2)
+    other.update(batch._replace(prefilled=torch.ones(len(SEEDS), ROWS, 1)), noise, step=2)
+    assert all(torch.equal(value, other.actor[name]) for name, value in plain.actor.items())
+
+
+@pytest.mark.parametrize("algorithm", [Ddpg, Td3])
+def test_layer_norm_in_the_critics_learns_too(algorithm, settings, batch, noise):
+    agent = algorithm(SEEDS, settings.model_copy(update={"layer_norm_critic": True}))
+    before = networks.copy(agent.critic)
+    agent.update(batch, noise, step=2)
+    for name in ("gain_1", "shift_1", "gain_2", "shift_2"):
+        assert not torch.equal(agent.critic[name], before[name])
+        assert not torch.equal(agent.slow_critic[name], before[name])

@@ -117,7 +117,7 @@ def test_a_command_that_is_stopped_says_that_it_can_go_on(call, monkeypatch):
     monkeypatch.setattr(pipeline, "curate", stop)
     called = call("curate")
     assert called.code == 130
-    assert called.err == "stopped. What is finished is kept; a training goes on at its first unfinished block.\n"
+    assert called.err == "stopped. What is finished is kept; a training goes on at its last checkpoint.\n"
 
 
 def test_a_workspace_in_use_is_refused_with_exit_code_1(here, call):

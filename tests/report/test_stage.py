@@ -200,6 +200,12 @@ def test_blocks_that_a_study_of_fewer_seeds_left_are_not_of_another_recipe(works
     assert not [name for name in gather(workspace).foreign(recipe.plain()) if name.startswith("training/")]
 
 
+def test_how_the_engine_was_asked_for_makes_no_other_recipe(workspace, recipe):
+    training = recipe.training.model_copy(update={"engine": "torch", "checkpoint_every": 99})
+    asked = recipe.model_copy(update={"training": training})
+    assert gather(workspace).foreign(asked.plain()) == gather(workspace).foreign(recipe.plain()) == []
+
+
 def test_logs_that_are_not_in_the_transitions_are_named_and_marked_in_their_table(workspace, recipe, read_page):
     one, other = workspace.list("samples")
     curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=[one])

@@ -1,0 +1,257 @@
+// What layers are made of: small dense products and their gradients on rows of features, vectors along the features.
+//
+// Every output is a sum in the order of the inputs, whatever the tile it is computed in: a row's numbers do not depend
+// on the rows beside it, and AVX2 and AVX-512 agree in every bit.
+#pragma once
+#include "vectors.hpp"
+
+namespace maglev::MAGLEV_ISA {
+
+// A tile is R rows by N vectors of sums that stay in registers: 16 of them up to AVX2, 32 with AVX-512. At least eight
+// keep two multiplying units busy, and the rows divide `rows_at_once`.
+template <int N> constexpr int tile_rows = lanes == 16 ? (N > 3 ? 4 : 5) : (N > 3 ? 2 : 4);
+
+// The vectors of a row are worked off in panels of at most five, none of them much narrower than it must be.
+constexpr int panel_of(int left) { return left <= 5 ? left : left == 6 ? 3 : left == 7 ? 4 : 5; }
+
+enum class After { nothing, relu, normalised_relu, masked };
+
+// A frozen batch norm, for `normalised_relu`.
+struct Frozen {
+    const float *mean, *scale, *shift;
+};
+
+template <After after, int R, int N>
+MAGLEV_INLINE void dense_tile(
+    const float* in, int in_stride, int inputs, const float* w, int w_stride, const float* bias, float* out,
+    int out_stride, const Frozen& norm) {
+    V sum[R][N];
+    MAGLEV_UNROLL
+    for (int n = 0; n < N; ++n) {
+        const V start = bias ? load(bias + n * lanes) : V{};
+        MAGLEV_UNROLL
+        for (int r = 0; r < R; ++r) sum[r][n] = start;
+    }
+#pragma GCC unroll 4
+    for (int k = 0; k < inputs; ++k) {
+        V weight[N];
+        MAGLEV_UNROLL
+        for (int n = 0; n < N; ++n) weight[n] = load(w + k * w_stride + n * lanes);
+        MAGLEV_UNROLL
+        for (int r = 0; r < R; ++r) {
+            const V x = splat(in[r * in_stride + k]);
+            MAGLEV_UNROLL
+            for (int n = 0; n < N; ++n) sum[r][n] += x * weight[n];
+        }
+    }
+    MAGLEV_UNROLL
+    for (int r = 0; r < R; ++r) {
+        MAGLEV_UNROLL
+        for (int n = 0; n < N; ++n) {
+            V y = sum[r][n];
+            const int at = n * lanes;
+            if (after == After::relu) y = relu(y);
+            if (after == After::normalised_relu)
+                y = relu((y - load(norm.mean + at)) * load(norm.scale + at) + load(norm.shift + at));
+            float* const to = out + r * out_stride + at;
+            if (after == After::masked) y = load(to) > 0.0f ? y : V{};
+            store(to, y);
+        }
+    }
+}
+
+template <After after, int N>
+static void dense_panel(
+    int rows, const float* in, int in_stride, int inputs, const float* w, int w_stride, const float* bias, float* out,
+    int out_stride, Frozen norm) {
+    constexpr int R = tile_rows<N>;
+    for (; rows >= R; rows -= R, in += R * in_stride, out += R * out_stride)
+        dense_tile<after, R, N>(in, in_stride, inputs, w, w_stride, bias, out, out_stride, norm);
+    for (; rows > 0; --rows, in += in_stride, out += out_stride)
+        dense_tile<after, 1, N>(in, in_stride, inputs, w, w_stride, bias, out, out_stride, norm);
+}
+
+// out[row, :] = after(in[row, :inputs] w + bias) for `width` columns, a multiple of the lanes.
+template <After after>
+static void dense(
+    int rows, const float* in, int in_stride, int inputs, const float* w, int width, const float* bias, float* out,
+    int out_stride, Frozen norm = {nullptr, nullptr, nullptr}) {
+    const int stride = width;
+    for (int left = width / lanes; left > 0;) {
+        const int panel = panel_of(left);
+#define MAGLEV_PANEL(N) \
+    case N: dense_panel<after, N>(rows, in, in_stride, inputs, w, stride, bias, out, out_stride, norm); break
+        switch (panel) {
+            MAGLEV_PANEL(1);
+            MAGLEV_PANEL(2);
+            MAGLEV_PANEL(3);
+            MAGLEV_PANEL(4);
+            MAGLEV_PANEL(5);
+        }
+#undef MAGLEV_PANEL
+        const int done = panel * lanes;
+        left -= panel, w += done, out += done, bias = bias ? bias + done : bias;
+        if (after == After::normalised_relu) norm.mean += done, norm.scale += done, norm.shift += done;
+    }
+}
+
+// out[row, :] = in[row, :inputs] w where out was active, and 0 elsewhere: slopes take the place of activations.
+static void dense_masked(
+    int rows, const float* in, int in_stride, int inputs, const float* w, int width, float* out, int out_stride) {
+    dense<After::masked>(rows, in, in_stride, inputs, w, width, nullptr, out, out_stride);
+}
+
+template <int K, int N>
+MAGLEV_INLINE void outer_tile(
+    int rows, const float* in, int in_stride, const float* d, int d_stride, float* gradient, int stride) {
+    V sum[K][N];
+    MAGLEV_UNROLL
+    for (int k = 0; k < K; ++k)
+        MAGLEV_UNROLL
+        for (int n = 0; n < N; ++n) sum[k][n] = load(gradient + k * stride + n * lanes);
+#pragma GCC unroll 2
+    for (int row = 0; row < rows; ++row) {
+        V slope[N];
+        MAGLEV_UNROLL
+        for (int n = 0; n < N; ++n) slope[n] = load(d + row * d_stride + n * lanes);
+        MAGLEV_UNROLL
+        for (int k = 0; k < K; ++k) {
+            const V x = splat(in[row * in_stride + k]);
+            MAGLEV_UNROLL
+            for (int n = 0; n < N; ++n) sum[k][n] += x * slope[n];
+        }
+    }
+    MAGLEV_UNROLL
+    for (int k = 0; k < K; ++k)
+        MAGLEV_UNROLL
+        for (int n = 0; n < N; ++n) store(gradient + k * stride + n * lanes, sum[k][n]);
+}
+
+template <int N>
+static void outer_panel(
+    int rows, const float* in, int in_stride, int inputs, const float* d, int d_stride, float* gradient, int stride) {
+    constexpr int K = tile_rows<N>;
+    int k = 0;
+    for (; k + K <= inputs; k += K)
+        outer_tile<K, N>(rows, in + k, in_stride, d, d_stride, gradient + k * stride, stride);
+    for (; k < inputs; ++k) outer_tile<1, N>(rows, in + k, in_stride, d, d_stride, gradient + k * stride, stride);
+}
+
+// gradient[k, :] += sum over the rows of in[row, k] d[row, :], for `width` columns.
+static void add_outer(
+    int rows, const float* in, int in_stride, int inputs, const float* d, int d_stride, float* gradient, int width) {
+    const int stride = width;
+    for (int left = width / lanes; left > 0;) {
+        const int panel = panel_of(left);
+#define MAGLEV_PANEL(N) \
+    case N: outer_panel<N>(rows, in, in_stride, inputs, d, d_stride, gradient, stride); break
+        switch (panel) {
+            MAGLEV_PANEL(1);
+            MAGLEV_PANEL(2);
+            MAGLEV_PANEL(3);
+            MAGLEV_PANEL(4);
+            MAGLEV_PANEL(5);
+        }
+#undef MAGLEV_PANEL
+        left -= panel, d += panel * lanes, gradient += panel * lanes;
+    }
+}
+
+// A sum over features in 16 partial sums, whatever the vector: then 16 -> 8 -> 4, and 4 -> 1 as (0 + 1) + (2 + 3).
+struct Sum {
+    V part[parts];
+};
+
+MAGLEV_INLINE V4 four(const Sum& sum) {
+    V4 r;
+    if constexpr (lanes == 4) {
+        const V a = sum.part[0] + sum.part[2 % parts], b = sum.part[1 % parts] + sum.part[3 % parts];
+        for (int i = 0; i < 4; ++i) r[i] = a[i] + b[i];
+    } else {
+        typedef float V8 __attribute__((vector_size(32), aligned(32), may_alias));
+        V8 eight;
+        if constexpr (lanes == 8) {
+            const V both = sum.part[0] + sum.part[1 % parts];
+            eight = *reinterpret_cast<const V8*>(&both);
+        } else {
+            const V8* half = reinterpret_cast<const V8*>(&sum.part[0]);
+            eight = half[0] + half[lanes / 16];
+        }
+        const V4* half = reinterpret_cast<const V4*>(&eight);
+        r = half[0] + half[1];
+    }
+    return r;
+}
+
+MAGLEV_INLINE float one(const Sum& sum) {
+    const V4 s = four(sum);
+    return (s[0] + s[1]) + (s[2] + s[3]);
+}
+
+MAGLEV_INLINE void transpose_4(V4& a, V4& b, V4& c, V4& d) {
+    const V4 ab = {a[0], b[0], a[1], b[1]}, cd = {c[0], d[0], c[1], d[1]};
+    const V4 AB = {a[2], b[2], a[3], b[3]}, CD = {c[2], d[2], c[3], d[3]};
+    a = V4{ab[0], ab[1], cd[0], cd[1]}, b = V4{ab[2], ab[3], cd[2], cd[3]};
+    c = V4{AB[0], AB[1], CD[0], CD[1]}, d = V4{AB[2], AB[3], CD[2], CD[3]};
+}
+
+// Products of R rows with w, as four sums each.
+template <int R>
+MAGLEV_INLINE void dot_tile(const float* in, int stride, const float* w, int vectors, V4* to) {
+    Sum sum[R] = {};
+    int n = 0;
+    for (; n + parts <= vectors; n += parts)
+        MAGLEV_UNROLL
+        for (int part = 0; part < parts; ++part) {
+            const V weight = load(w + (n + part) * lanes);
+            MAGLEV_UNROLL
+            for (int r = 0; r < R; ++r) sum[r].part[part] += load(in + r * stride + (n + part) * lanes) * weight;
+        }
+    MAGLEV_UNROLL
+    for (int part = 0; part < parts - 1; ++part) {
+        if (n + part >= vectors) break;
+        const V weight = load(w + (n + part) * lanes);
+        MAGLEV_UNROLL
+        for (int r = 0; r < R; ++r) sum[r].part[part] += load(in + r * stride + (n + part) * lanes) * weight;
+    }
+    MAGLEV_UNROLL
+    for (int r = 0; r < R; ++r) to[r] = four(sum[r]);
+}
+
+// out[row] = in[row, :] . w + bias
+static void dot_rows(int rows, const float* in, int stride, const float* w, int width, float bias, float* out) {
+    const int vectors = width / lanes;
+    int row = 0;
+    for (; row + 4 <= rows; row += 4) {
+        V4 s[4];
+        dot_tile<4>(in + row * stride, stride, w, vectors, s);
+        transpose_4(s[0], s[1], s[2], s[3]);
+        const V4 total = ((s[0] + s[1]) + (s[2] + s[3])) + bias;
+        __builtin_memcpy(out + row, &total, sizeof total);
+    }
+    for (; row < rows; ++row) {
+        V4 s;
+        dot_tile<1>(in + row * stride, stride, w, vectors, &s);
+        out[row] = ((s[0] + s[1]) + (s[2] + s[3])) + bias;
+    }
+}
+
+// to[j, k] = from[k, j] for k < rows, j < columns
+static void transpose(int rows, int columns, const float* from, int from_stride, float* to, int to_stride) {
+    int k = 0;
+    for (; k + 4 <= rows; k += 4) {
+        int j = 0;
+        for (; j + 4 <= columns; j += 4) {
+            V4 block[4];
+            for (int i = 0; i < 4; ++i) block[i] = *reinterpret_cast<const V4*>(from + (k + i) * from_stride + j);
+            transpose_4(block[0], block[1], block[2], block[3]);
+            for (int i = 0; i < 4; ++i) *reinterpret_cast<V4*>(to + (j + i) * to_stride + k) = block[i];
+        }
+        for (; j < columns; ++j)
+            for (int i = 0; i < 4; ++i) to[j * to_stride + k + i] = from[(k + i) * from_stride + j];
+    }
+    for (; k < rows; ++k)
+        for (int j = 0; j < columns; ++j) to[j * to_stride + k] = from[k * from_stride + j];
+}
+
+}  // namespace maglev::MAGLEV_ISA

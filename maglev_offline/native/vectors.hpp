@@ -1,0 +1,75 @@
+// Vectors of LANES floats in the compilers' own notation (g++ and clang++): one source for every instruction set.
+//
+// A translation unit defines LANES and MAGLEV_ISA, the namespace that keeps its code apart from that of the other
+// instruction sets. Nothing here may call a library template: the linker would keep one copy of it for all of them.
+#pragma once
+#include <cstdint>
+
+#define MAGLEV_INLINE static inline __attribute__((always_inline))
+#define MAGLEV_UNROLL _Pragma("GCC unroll 16")
+
+namespace maglev::MAGLEV_ISA {
+
+constexpr int lanes = LANES;
+constexpr int parts = 16 / LANES;
+typedef float V __attribute__((vector_size(4 * LANES), aligned(4 * LANES), may_alias));
+typedef std::int32_t I __attribute__((vector_size(4 * LANES), aligned(4 * LANES), may_alias));
+typedef float V4 __attribute__((vector_size(16), aligned(16), may_alias));
+
+MAGLEV_INLINE V load(const float* p) { return *reinterpret_cast<const V*>(p); }
+MAGLEV_INLINE void store(float* p, V x) { *reinterpret_cast<V*>(p) = x; }
+typedef float U __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
+MAGLEV_INLINE V load_anywhere(const float* p) { return *reinterpret_cast<const U*>(p); }
+MAGLEV_INLINE void store_anywhere(float* p, V x) { *reinterpret_cast<U*>(p) = x; }
+MAGLEV_INLINE V splat(float x) { return x - V{}; }  // x - 0 is x, -0 included, so this is a broadcast and no more
+
+// NaN goes through all of these: a run that diverged stays a run that diverged.
+MAGLEV_INLINE V relu(V x) { return V{} > x ? V{} : x; }
+MAGLEV_INLINE V clamp(V x, float low, float high) {
+    const V lowest = splat(low), highest = splat(high);
+    const V above = lowest > x ? lowest : x;
+    return highest < above ? highest : above;
+}
+MAGLEV_INLINE V larger(V a, V b) { return ((a > b) | (a != a)) ? a : b; }
+MAGLEV_INLINE V magnitude(V x) { return (V)((I)x & 0x7fffffff); }
+
+MAGLEV_INLINE V square_root(V x) {
+    V r;
+    for (int i = 0; i < lanes; ++i) r[i] = __builtin_sqrtf(x[i]);
+    return r;
+}
+
+// e^x for |x| <= 40: x = n ln 2 + f, and e^f by its series to f^7 (|f| <= 0.35: the rest is below 1e-8).
+MAGLEV_INLINE V exponential(V x) {
+    const V round = splat(12582912.0f);  // 1.5 * 2^23: adding it rounds to a whole number
+    const V shifted = x * 1.44269504f + round;
+    const V n = shifted - round;
+    const V f = (x - n * 0.693359375f) - n * -2.12194440e-4f;  // ln 2 in two parts, the first exact in few bits
+    V series = splat(1.0f / 5040);
+    series = series * f + 1.0f / 720;
+    series = series * f + 1.0f / 120;
+    series = series * f + 1.0f / 24;
+    series = series * f + 1.0f / 6;
+    series = series * f + 0.5f;
+    series = series * f + 1.0f;
+    series = series * f + 1.0f;
+    return (V)((I)series + (((I)shifted - (I)round) << 23));
+}
+
+// 1 - 2 / (e^2|x| + 1) with the sign of x; an odd polynomial where that would cancel. Off by 2 units of the last bit.
+MAGLEV_INLINE V hyperbolic_tangent(V x) {
+    const V size = magnitude(x);
+    const V capped = size > 10.0f ? splat(10.0f) : size;
+    const V far = 1.0f - 2.0f / (exponential(capped + capped) + 1.0f);
+    const V signed_far = (V)((I)far | ((I)x & (I)splat(-0.0f)));
+    const V s = x * x;
+    V near = splat(-0.0056669763f);
+    near = near * s + 0.020606175f;
+    near = near * s - 0.053730007f;
+    near = near * s + 0.13331331f;
+    near = near * s - 0.33333278f;
+    near = near * s * x + x;
+    return size < 0.625f ? near : (x != x ? x : signed_far);
+}
+
+}  // namespace maglev::MAGLEV_ISA

@@ -1,0 +1,1 @@
+"""Trained policies leave the house: ONNX, a C header, safetensors, and rollouts as MCAP logs."""

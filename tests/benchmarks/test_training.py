@@ -1,0 +1,192 @@
+"""The benchmark of training: everyone does the work that is compared, and what is missed is named."""
+
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import pytest
+import torch
+
+import maglev_offline.env  # noqa: F401
+from maglev_offline.agents.settings import TrainingSettings
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+
+def _load(name):
+    sys.path.insert(0, str(FOLDER))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(FOLDER))
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """As the benchmark has it: on a busy machine threads wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+training, peers, training_loop = (_load(name) for name in ("training", "training_peers", "training_loop"))
+
+
+def row(contender, rate=None, algorithm="td3", name=None, **more):
+    times = {"steps_per_s": rate} if rate else {}
+    return {"algorithm": algorithm, "contender": contender, "name": name or contender, "failure": "", **times} | more
+
+
+@pytest.mark.parametrize("algorithm", training.ALGORITHMS)
+def test_the_loop_makes_a_gradient_step_for_each_step_of_the_environment(algorithm):
+    env = gymnasium.make("maglev_offline/Suspension-v0")
+    loop = training_loop.Loop(env, twin=algorithm == "td3")
+    before = [parameter.detach().clone() for parameter in (*loop.actor.parameters(), *loop.slow_critics.parameters())]
+    loop.run(training_loop.BATCH + 20)
+    assert loop.updates == 20
+    after = [*loop.actor.parameters(), *loop.slow_critics.parameters()]
+    assert all(not torch.equal(old, new) for old, new in zip(before, after, strict=True))
+    assert len(loop.critics) == (2 if algorithm == "td3" else 1)
+
+
+def test_the_loop_learns_values_and_goes_where_they_are_high():
+    """Every action ends at once, and is worth itself."""
+    loop = training_loop.Loop(gymnasium.make("maglev_offline/Suspension-v0"), twin=False)
+    action = torch.linspace(-1, 1, 100)[:, None]
+    seen, ended = torch.zeros(100, 3), torch.ones(100, 1)
+    for _ in range(400):
+        loop.update({"seen": seen, "action": action, "reward": action, "next_seen": seen, "ended": ended})
+    with torch.no_grad():
+        worth, chosen = loop.critics[0](torch.cat([seen, action], 1)), loop.actor(seen)
+    assert float((worth - action).abs().max()) < 0.2
+    assert float(chosen.min()) > 0.9
+
+
+def test_sizes_are_those_of_the_recipe():
+    settings = TrainingSettings()
+    assert settings.hidden == (peers.HIDDEN, peers.HIDDEN)
+    assert (training_loop.HIDDEN, training_loop.BATCH) == (peers.HIDDEN, peers.BATCH)
+    assert settings.batch_size == peers.BATCH
+    assert (training_loop.DISCOUNT, training_loop.EXPLORATION_STD) == (peers.DISCOUNT, peers.EXPLORATION_STD)
+
+
+@pytest.mark.parametrize("algorithm", training.ALGORITHMS)
+def test_multiply_adds_are_those_that_torch_counts(algorithm):
+    from torch.utils.flop_counter import FlopCounterMode
+
+    h, batch = peers.HIDDEN, peers.BATCH
+
+    def net(meets):
+        return [torch.ones(shape, requires_grad=True) for shape in ((3, h), (h + meets, h), (h, 1))]
+
+    def act(actor):
+        return torch.relu(torch.relu(seen @ actor[0]) @ actor[1]) @ actor[2]
+
+    def value(critic, action):
+        return torch.relu(torch.cat([torch.relu(seen @ critic[0]), action], 1) @ critic[1]) @ critic[2]
+
+    def count(work):
+        with FlopCounterMode(display=False) as counter:
+            work()
+        return counter.get_total_flops()
+
+    actor, critic, seen, action = net(0), net(1), torch.ones(batch, 3), torch.ones(batch, 1)
+    critics, delay = (2, 2) if algorithm == "td3" else (1, 1)
+    target = count(lambda: act(actor)) + critics * count(lambda: value(critic, action))
+    of_critic = count(lambda: torch.autograd.grad(value(critic, action).sum(), critic))
+    of_actor = count(lambda: torch.autograd.grad(value(critic, act(actor)).sum(), actor))
+    # Where action and hidden layer meet, torch forms both gradients; a critic needs the one, and an actor the other.
+    of_critic, of_actor = of_critic - 2 * batch * h, of_actor - 2 * batch * h * h
+    assert training.flops(algorithm) == target + critics * of_critic + of_actor // delay
+
+
+def test_ratios_are_to_the_peers_on_the_same_algorithm_and_missed_ones_are_named():
+    rows = training.with_ratios(
+        [
+            row("native avx2", 2900.0),
+            row(training.TORCH, 1500.0),
+            row(training.SB3, 100.0),
+            row(training.SBX, 200.0),
+            row(training.SB3, 5000.0, algorithm="ddpg"),
+        ],
+        1e12,
+    )
+    assert rows[0]["times"] == {training.SB3: 29.0, training.SBX: 14.5, training.LOOP: None}
+    assert rows[0]["share_of_peak"] == pytest.approx(2900 * training.flops("td3") / 1e12)
+    assert training.missed_ratios(rows) == ["td3: native avx2 is 29 times as fast as stable-baselines3, wanted: 30"]
+
+
+def test_a_ratio_without_its_peer_is_not_reached_and_a_failure_of_ours_is_named():
+    rows = training.with_ratios(
+        [
+            row(training.TORCH, 1500.0),
+            row("native avx2", name=training.NATIVE, failure="boom"),
+            row(training.SB3, failure="not installed (No module named stable_baselines3)"),
+        ],
+        None,
+    )
+    assert training.missed_ratios(rows) == ["td3: torch has no stable-baselines3 to be held against"]
+    assert training.failures(rows) == ["td3: native avx2: boom"]
+
+
+class Pretend:
+    """Answers as a runner whose study takes a fixed start and so much for a step."""
+
+    def run(self, one, algorithm):
+        wall = 10 + 8 * one.steps * 1e-4
+        return {
+            "wall_s": wall,
+            "cpu_s": 1.5 * wall,
+            "seeds": 8,
+            "steps": one.steps,
+            "more": {"instruction_set": "avx2"},
+        }
+
+
+def test_the_study_is_extrapolated_from_what_a_step_takes_and_starting_up_is_counted_once():
+    study = training.extrapolate(Pretend(), (1000, 5000), 1)
+    assert study["study_wall_s"] == pytest.approx(10 + 1e-4 * 200 * 500_000)
+    assert study["study_undisturbed_min"] == pytest.approx(0.75 * study["study_min"])
+    assert "would take 167 min" in "\n".join(training.in_words("left out", study, None))
+    assert training.missed_study("not there", study) == [
+        "two threads: not there",
+        "the study takes 125 min, wanted: under 45",
+    ]
+
+
+def test_a_peer_that_is_not_installed_or_does_other_work_is_named(tmp_path):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho No module named sbx >&2\nexit 3\n")
+    python.chmod(0o755)
+    sbx = training.Contender(training.SBX, training.SBX, 100)
+    assert training.Runner(str(python)).run(sbx, "td3") == "not installed (No module named sbx)"
+    python.write_text("#!/bin/sh\necho '{\"updates\": 50}'\n")
+    assert training.Runner(str(python)).run(sbx, "td3") == "50 gradient steps instead of 100"
+
+
+def test_it_prints_a_table_and_writes_everything(tmp_path):
+    command = [sys.executable, "-W", "error", str(FOLDER / "training.py"), "--steps", "200", "--peer-steps", "100"]
+    command += ["--rounds", "1", "--study-steps", "0", "--algorithms", "td3", "--json", str(tmp_path / "out.json")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    ran = {one["contender"] for one in result["rows"] if not one["failure"]}
+    assert {training.TORCH, training.LOOP, training.ENVIRONMENT} <= ran
+    for one in result["rows"]:
+        assert f"| {one['algorithm']} | {one['contender']} | " in done.stdout
+    for name in ("cpu", "torch", "numpy", "gymnasium", "maglev-offline"):
+        assert f"{name}: {result['machine'][name]}\n" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(("--steps", "5"), "--steps must be 100 or more, not 5"), (("--rounds", "0"), "--rounds must be 1 or more")],
+)
+def test_sizes_that_will_not_do_are_refused(arguments, words, capsys):
+    with pytest.raises(SystemExit):
+        training.options(list(arguments))
+    assert words in capsys.readouterr().err
