@@ -11,6 +11,7 @@ from maglev_offline.filesystems import Where
 from maglev_offline.ingest import rules
 from maglev_offline.logs.channels import LogInfo, read_survey
 from maglev_offline.logs.counts import shortfall
+from maglev_offline.logs.gathering import Gathering
 from maglev_offline.logs.reader import ReadRun, TopicWanted, read_run, runs
 from maglev_offline.logs.slabs import MemorySlab, Slab
 from maglev_offline.logs.source import open_source
@@ -123,17 +124,29 @@ def _reads(work: Sequence[_Work], wanted: Mapping[str, TopicWanted], scratch: Pa
             for number, (_, part, spans) in enumerate(work)
         )
         return
-    held = 0 if sum(span.length for _, _, spans in work for span in spans) < LARGE_BYTES else IN_MEMORY_BYTES
+    size = sum(span.length for _, _, spans in work for span in spans)
+    held = 0 if size < LARGE_BYTES else IN_MEMORY_BYTES
+    expected: Counter[str] = Counter()
+    for part in {number: part for number, part, _ in work}.values():
+        for channel in part.info.channels:
+            expected[channel.topic] += channel.message_count
+    gathering = Gathering(expected, size)
     for number, (_, part, spans) in enumerate(work):
         full = held >= IN_MEMORY_BYTES
-        read = _read(part, spans, wanted, scratch / f"{number}.slabs" if full else None)
+        read = _read(part, spans, wanted, scratch / f"{number}.slabs" if full else None, gathering)
         held += sum(slab.nbytes for slab, _ in read.slabs if isinstance(slab, MemorySlab))
         yield read
 
 
-def _read(part: Part, spans: tuple[Span, ...], wanted: Mapping[str, TopicWanted], spill_to: Path | None) -> ReadRun:
+def _read(
+    part: Part,
+    spans: tuple[Span, ...],
+    wanted: Mapping[str, TopicWanted],
+    spill_to: Path | None,
+    gathering: Gathering | None = None,
+) -> ReadRun:
     with open_source(part.where) as source:
-        return read_run(source, part.structure, spans, wanted, spill_to=spill_to)
+        return read_run(source, part.structure, spans, wanted, spill_to=spill_to, gathering=gathering)
 
 
 def _believable(claimed: Mapping[int, int] | None, found: Mapping[int, int], damages: Sequence[Damage]) -> list[Damage]:

@@ -161,7 +161,7 @@ def _rest(span: Span, data: NDArray[np.uint8], found: messages.Found, entries: I
 
 
 def _nothing(damage: Damage) -> Loaded:
-    return Loaded(np.empty(0, dtype=np.uint8), messages.empty_table(), {}, {}, (damage,))
+    return Loaded(np.empty(0, dtype=np.uint8), messages.empty_table(), {}, {}, {}, (damage,))
 
 
 def _loaded(
@@ -176,22 +176,18 @@ def _loaded(
     for opcode, offset, length in found.others:
         damages += declare(bytes(data[offset : offset + length]), opcode, schemas, channels, (span.offset, span.length))
     table = found.messages
+    counts = counts_of(table.channel_id)
     if known is not None:
         damages += conflicts(channels, known, (span.offset, span.length))
-        table, unknown = _of_known_channels(table, known.keys() | channels.keys())
+        declared = known.keys() | channels.keys()
+        unknown = {number: n for number, n in counts.items() if number not in declared}
         if unknown:
             detail = f"messages of channels that are declared nowhere: {', '.join(map(str, unknown))}"
             damages.append(Damage("unknown_channel", span.offset, span.length, unknown, detail))
-    return Loaded(data, table, schemas, channels, tuple(damages))
-
-
-def _of_known_channels(table: MessageTable, known: set[int]) -> tuple[MessageTable, dict[int, int]]:
-    counts = counts_of(table.channel_id)
-    unknown = {number: n for number, n in counts.items() if number not in known}
-    if not unknown:
-        return table, {}
-    keep = ~np.isin(table.channel_id, list(unknown))
-    return MessageTable(*(column[keep] for column in vars(table).values())), unknown
+            keep = ~np.isin(table.channel_id, list(unknown))
+            table = MessageTable(*(column[keep] for column in vars(table).values()))
+            counts = {number: n for number, n in counts.items() if number in declared}
+    return Loaded(data, table, counts, schemas, channels, tuple(damages))
 
 
 def declare(
