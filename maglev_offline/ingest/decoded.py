@@ -18,7 +18,7 @@ from maglev_offline.logs.source import open_source
 from maglev_offline.logs.structure import Damage, Span, Structure
 from maglev_offline.progress import SILENT, Progress
 
-IN_MEMORY_BYTES = 48 * 2**20
+IN_MEMORY_BYTES = 64 * 2**20
 """So much of a log is held in memory; what is beyond waits on disk."""
 
 LARGE_BYTES = 256 * 2**20

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.resample import ORIGINS
@@ -66,20 +67,24 @@ def table(
     # The writer takes one dictionary for all rows as it is; strings, or another dictionary each time, it would hash.
     which = np.full(n, points.index(point.point), dtype=np.int32)
     columns: dict[str, pa.Array] = {
-        "log_id": pa.DictionaryArray.from_arrays(np.zeros(n, dtype=np.int32), _names((log_id,))),
-        "point": pa.DictionaryArray.from_arrays(which, _names(points)),
-        "t": pa.array(point.t_ns, type=pa.int64()).cast(_TIME),
+        "log_id": _coded(np.zeros(n, dtype=np.int32), (log_id,)),
+        "point": _coded(which, points),
+        "t": pa.array(point.t_ns.view("datetime64[ns]")).view(_TIME),
         "segment": pa.array(point.segment + np.int32(first_segment) if first_segment else point.segment),
         "step": pa.array(point.step),
         "contact": pa.array(point.contact),
     }
     for name in made.names:
         if name in _ORIGIN_COLUMNS:
-            codes = pa.array(point.origins[_ORIGIN_COLUMNS[name]], type=pa.int8())
-            columns[name] = pa.DictionaryArray.from_arrays(codes, _names(ORIGINS))
+            columns[name] = _coded(point.origins[_ORIGIN_COLUMNS[name]], ORIGINS)
         elif name not in columns:
             columns[name] = pa.array(point.values[name], type=pa.float64())
     return pa.Table.from_arrays([columns[name] for name in made.names], schema=made)
+
+
+def _coded(codes: NDArray[Any], names: tuple[str, ...]) -> pa.DictionaryArray:
+    # Not looked through again for codes that are beyond the names.
+    return pa.DictionaryArray.from_arrays(pa.array(codes), _names(names), safe=False)
 
 
 @cache

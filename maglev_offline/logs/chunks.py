@@ -1,6 +1,5 @@
 """One span of a log at a time: read, checked against what it claims, decompressed, its messages found."""
 
-import zlib
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -11,6 +10,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from maglev_offline.logs import messages, wire
+from maglev_offline.logs.checksum import crc32
 from maglev_offline.logs.message_index import IndexEntries, counts_of, parse_index, sound_counts
 from maglev_offline.logs.source import Source
 from maglev_offline.logs.structure import ChunkSpan, Damage, Loaded, LooseSpan, MessageTable, Span
@@ -65,7 +65,7 @@ def load_span(source: Source, span: Span, channels: Mapping[int, Channel] | None
         lost = sound_counts(parse_index(block), head.uncompressed_size if head else 2**63)
         return _nothing(Damage(bad.code, span.offset, span.length, lost, bad.detail))
     entries = parse_index(block)
-    if head.crc and zlib.crc32(data.data) != head.crc:
+    if head.crc and crc32(data.data) != head.crc:
         lost = sound_counts(entries, len(data))
         if lost is None:
             found = messages.from_records(data)
