@@ -7,25 +7,27 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from maglev_offline.logs.slabs import MemorySlab, Piece
-
-_MOST_PER_FILE_BYTE, _FREE_BYTES = 16, 64 * 2**20
-"""A log may claim any number: no more memory is asked for than so many times its size, and so much beside."""
+from maglev_offline.logs.slabs import Cut, MemorySlab, Piece
 
 
 class Gathering:
-    """Takes slabs in the order of the file. `expected`: messages by topic; a topic that exceeds it keeps its slabs."""
+    """Takes slabs in the order of the file.
 
-    def __init__(self, expected: Mapping[str, int], file_bytes: int) -> None:
-        self._expected = expected
-        self._left = _MOST_PER_FILE_BYTE * file_bytes + _FREE_BYTES
+    `expected`: messages by topic; a topic that exceeds it keeps its slabs. `most_bytes`: what is claimed beyond that
+    gets no memory here, since a log may claim any number.
+    """
+
+    def __init__(self, expected: Mapping[str, int], most_bytes: int) -> None:
+        self._expected, self._most_bytes = expected, most_bytes
+        self._bytes = np.empty(0, dtype=np.uint8)
+        self._used = 0
         self._topics: dict[str, tuple[Piece, int]] = {}
 
     def take_in(self, slab: MemorySlab) -> MemorySlab:
         """Copy what there is room for; return the same slab as cuts of the copies."""
         return MemorySlab({topic: self._one(topic, *cut) for topic, cut in slab.topics.items()})
 
-    def _one(self, topic: str, piece: Piece, first: int, stop: int) -> tuple[Piece, int, int]:
+    def _one(self, topic: str, piece: Piece, first: int, stop: int) -> Cut:
         if topic not in self._topics:
             self._topics[topic] = (self._room(topic, piece), 0)
         room, at = self._topics[topic]
@@ -38,8 +40,14 @@ class Gathering:
         return (room, at, end)
 
     def _room(self, topic: str, like: Piece) -> Piece:
+        if len(self._bytes) == 0:
+            wanted = sum(self._expected.values()) * like.row_bytes + 8 * len(self._expected)
+            # numpy asks for so much in large pages: a fault for 2 MiB, not for 4 KiB.
+            self._bytes = np.empty(min(wanted, self._most_bytes), dtype=np.uint8)
         count = self._expected.get(topic, 0)
-        if like.row_bytes * count > self._left:
-            count = 0
-        self._left -= like.row_bytes * count
-        return Piece(*(np.empty((*array.shape[:-1], count), dtype=array.dtype) for array in like))
+        size = -(-count * like.row_bytes // 8) * 8
+        if size > len(self._bytes) - self._used:
+            count = size = 0
+        mine = self._bytes[self._used : self._used + size]
+        self._used += size
+        return like.laid_over(mine, count)

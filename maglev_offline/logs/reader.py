@@ -26,6 +26,7 @@ from maglev_offline.logs.slabs import (
     SEQUENCE,
     STAMP,
     Cut,
+    Files,
     MemorySlab,
     Piece,
     Slab,
@@ -39,6 +40,9 @@ from maglev_offline.memory import keep_freed_memory
 
 RUN_BYTES = 16 * 2**20
 """Spans are decoded in runs of about so many bytes: the unit of work that is shared among processes."""
+
+_MOST_PER_FILE_BYTE = 32
+"""A log may claim any number of messages: no more memory is asked for beforehand than so many times its size."""
 
 _UNDECLARED, _UNWANTED = -2, -1
 
@@ -143,7 +147,7 @@ def read_columns(
         for channel_id, count in (structure.claimed or {}).items():
             if channel_id in structure.channels:
                 expected[structure.channels[channel_id].topic] += count
-        room = Gathering(expected, source.size)
+        room = Gathering(expected, _MOST_PER_FILE_BYTE * source.size)
         slabs = [
             pair
             for spans in runs(structure)
@@ -156,12 +160,13 @@ def topic_columns(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWa
     """All messages of a topic in consecutive slabs, the first of which begins at the file index `first`."""
     cuts: list[Cut] = []
     before: list[int] = []
-    for slab, spanned in slabs:
-        cut = slab.cut(topic)
-        if cut is not None:
-            cuts.append(cut)
-            before.append(first)
-        first += spanned
+    with Files() as files:
+        for slab, spanned in slabs:
+            cut = slab.cut(topic, files)
+            if cut is not None:
+                cuts.append(cut)
+                before.append(first)
+            first += spanned
     if not cuts:
         cuts, before = [(_empty(wanted), 0, 0)], [0]
     whole = join_cuts(cuts)

@@ -43,7 +43,26 @@ class Piece(NamedTuple):
     @property
     def row_bytes(self) -> int:
         """Bytes of one message."""
-        return 8 * (len(self.integers) + len(self.values)) + 1
+        return bytes_of_row(len(self.integers), len(self.values))
+
+    def laid_over(self, memory: NDArray[np.uint8], n: int) -> "Piece":
+        """A piece of n messages of the same kind in the given bytes, with whatever stands there."""
+        return laid_over(memory, n, len(self.integers), len(self.values))
+
+
+def bytes_of_row(integers: int, values: int) -> int:
+    """Bytes of a message with so many integers and values."""
+    return 8 * (integers + values) + 1
+
+
+def laid_over(memory: NDArray[np.uint8] | bytes, n: int, integers: int, values: int) -> Piece:
+    """A piece of n messages in bytes: its integers, then its values, then whether they were decoded."""
+    behind = 8 * n * integers
+    return Piece(
+        np.frombuffer(memory, np.int64, n * integers).reshape(integers, n),
+        np.frombuffer(memory, np.float64, n * values, behind).reshape(values, n),
+        np.frombuffer(memory, np.bool_, n, behind + 8 * n * values),
+    )
 
 
 def join_pieces(pieces: Sequence[Piece]) -> Piece:
@@ -75,8 +94,30 @@ class Slab(Protocol):
     def counts(self) -> dict[str, int]:
         """Messages by topic; a topic without any is not in it."""
 
-    def cut(self, topic: str) -> Cut | None:
+    def cut(self, topic: str, files: "Files") -> Cut | None:
         """The messages of one topic, `FILE_INDEX` counted from the stretch's first; None where the slab has none."""
+
+
+class Files:
+    """Files that slabs wait in, each opened once while many slabs are read; a context manager."""
+
+    def __init__(self) -> None:
+        self._open: dict[Path, BinaryIO] = {}
+
+    def read(self, path: Path, offset: int, size: int) -> bytes:
+        """Some bytes of a file."""
+        if path not in self._open:
+            self._open[path] = path.open("rb", buffering=0)
+        file = self._open[path]
+        file.seek(offset)
+        return file.read(size)
+
+    def __enter__(self) -> "Files":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for file in self._open.values():
+            file.close()
 
 
 @dataclass(frozen=True)
@@ -90,22 +131,20 @@ class MemorySlab:
         """Messages by topic."""
         return {topic: stop - first for topic, (_, first, stop) in self.topics.items()}
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of its messages."""
-        return sum((stop - first) * piece.row_bytes for piece, first, stop in self.topics.values())
-
-    def cut(self, topic: str) -> Cut | None:
+    def cut(self, topic: str, files: Files) -> Cut | None:  # noqa: ARG002
         """The messages of one topic."""
         return self.topics.get(topic)
 
     def spill(self, file: BinaryIO) -> "DiskSlab":
         """Append the slab to a file of its owner's."""
         places: dict[str, tuple[int, int, int, int]] = {}
+        parts: list[memoryview] = []
+        at = file.tell()
         for topic, (whole, first, stop) in self.topics.items():
-            piece = whole.take(slice(first, stop))
-            places[topic] = (file.tell(), len(piece), len(piece.integers), len(piece.values))
-            file.write(b"".join(np.ascontiguousarray(array).data for array in piece))
+            places[topic] = (at, stop - first, len(whole.integers), len(whole.values))
+            parts += [np.ascontiguousarray(array[..., first:stop]).data for array in whole]
+            at += (stop - first) * whole.row_bytes
+        file.write(b"".join(parts))
         return DiskSlab(Path(file.name), places)
 
 
@@ -121,21 +160,13 @@ class DiskSlab:
         """Messages by topic."""
         return {topic: n for topic, (_, n, _, _) in self.places.items()}
 
-    def cut(self, topic: str) -> Cut | None:
+    def cut(self, topic: str, files: Files) -> Cut | None:
         """The messages of one topic."""
         if topic not in self.places:
             return None
         offset, n, integers, values = self.places[topic]
-        with self.path.open("rb") as file:
-            file.seek(offset)
-            data = file.read(n * (8 * (integers + values) + 1))
-        behind = 8 * n * integers
-        piece = Piece(
-            np.frombuffer(data, np.int64, n * integers).reshape(integers, n),
-            np.frombuffer(data, np.float64, n * values, behind).reshape(values, n),
-            np.frombuffer(data, np.bool_, n, behind + 8 * n * values),
-        )
-        return piece, 0, n
+        data = files.read(self.path, offset, n * bytes_of_row(integers, values))
+        return laid_over(data, n, integers, values), 0, n
 
 
 def by_topic(piece: Piece, topic_of_row: NDArray[np.uint16], topics: Sequence[str]) -> MemorySlab:
