@@ -128,8 +128,13 @@ def _reads(work: Sequence[_Work], wanted: Mapping[str, TopicWanted], scratch: Pa
     size = sum(count * _row_bytes(wanted[topic]) for topic, count in expected.items() if topic in wanted)
     fits = size <= IN_MEMORY_BYTES
     gathering = Gathering({topic: expected[topic] for topic in wanted}, IN_MEMORY_BYTES) if fits else None
+    held = 0
     for number, (_, part, spans) in enumerate(work):
-        yield _read(part, spans, wanted, None if fits else scratch / f"{number}.slabs", gathering)
+        # An index may tell of fewer messages than there are.
+        fits &= held <= 2 * IN_MEMORY_BYTES
+        read = _read(part, spans, wanted, None if fits else scratch / f"{number}.slabs", gathering)
+        held += sum(n * _row_bytes(wanted[topic]) for slab, _ in read.slabs for topic, n in slab.counts.items())
+        yield read
 
 
 def _row_bytes(wanted: TopicWanted) -> int:
