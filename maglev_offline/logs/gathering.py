@@ -18,9 +18,7 @@ class Gathering:
     """
 
     def __init__(self, expected: Mapping[str, int], most_bytes: int) -> None:
-        self._expected, self._most_bytes = expected, most_bytes
-        self._bytes = np.empty(0, dtype=np.uint8)
-        self._used = 0
+        self._expected, self._left = expected, most_bytes
         self._topics: dict[str, tuple[Piece, int]] = {}
 
     def take_in(self, slab: MemorySlab) -> MemorySlab:
@@ -40,14 +38,10 @@ class Gathering:
         return (room, at, end)
 
     def _room(self, topic: str, like: Piece) -> Piece:
-        if len(self._bytes) == 0:
-            wanted = sum(self._expected.values()) * like.row_bytes + 8 * len(self._expected)
-            # numpy asks for so much in large pages: a fault for 2 MiB, not for 4 KiB.
-            self._bytes = np.empty(min(wanted, self._most_bytes), dtype=np.uint8)
         count = self._expected.get(topic, 0)
-        size = -(-count * like.row_bytes // 8) * 8
-        if size > len(self._bytes) - self._used:
-            count = size = 0
-        mine = self._bytes[self._used : self._used + size]
-        self._used += size
-        return like.laid_over(mine, count)
+        if count * like.row_bytes > self._left:
+            count = 0
+        self._left -= count * like.row_bytes
+        # One block for each topic: numpy asks for a single large one in large pages, and the system takes its time to
+        # find these.
+        return Piece(*(np.empty((*array.shape[:-1], count), dtype=array.dtype) for array in like))

@@ -33,8 +33,12 @@ class Piece(NamedTuple):
         return len(self.decoded)
 
     def take(self, rows: NDArray[np.intp] | slice) -> "Piece":
-        """Some of its messages."""
-        return Piece(self.integers[:, rows], self.values[:, rows], self.decoded[rows])
+        """Some of its messages; all rows must be there."""
+        if isinstance(rows, slice):
+            return Piece(self.integers[:, rows], self.values[:, rows], self.decoded[rows])
+        # A third of the time of indexing with the rows.
+        integers = self.integers.take(rows, axis=1, mode="clip")
+        return Piece(integers, self.values.take(rows, axis=1, mode="clip"), self.decoded[rows])
 
     def copy(self) -> "Piece":
         """The same messages in memory of their own."""
@@ -45,17 +49,13 @@ class Piece(NamedTuple):
         """Bytes of one message."""
         return bytes_of_row(len(self.integers), len(self.values))
 
-    def laid_over(self, memory: NDArray[np.uint8], n: int) -> "Piece":
-        """A piece of n messages of the same kind in the given bytes, with whatever stands there."""
-        return laid_over(memory, n, len(self.integers), len(self.values))
-
 
 def bytes_of_row(integers: int, values: int) -> int:
     """Bytes of a message with so many integers and values."""
     return 8 * (integers + values) + 1
 
 
-def laid_over(memory: NDArray[np.uint8] | bytes, n: int, integers: int, values: int) -> Piece:
+def _laid_over(memory: bytes, n: int, integers: int, values: int) -> Piece:
     """A piece of n messages in bytes: its integers, then its values, then whether they were decoded."""
     behind = 8 * n * integers
     return Piece(
@@ -166,7 +166,7 @@ class DiskSlab:
             return None
         offset, n, integers, values = self.places[topic]
         data = files.read(self.path, offset, n * bytes_of_row(integers, values))
-        return laid_over(data, n, integers, values), 0, n
+        return _laid_over(data, n, integers, values), 0, n
 
 
 def by_topic(piece: Piece, topic_of_row: NDArray[np.uint16], topics: Sequence[str]) -> MemorySlab:
