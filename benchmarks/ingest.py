@@ -282,7 +282,7 @@ def options(arguments: list[str] | None) -> argparse.Namespace:
     """Read the command line; sizes that are given win over those of `--quick`."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="slow peers on a tenth, and the ratios must be reached")
-    parser.add_argument("--messages", type=int, default=1_200_000)
+    parser.add_argument("--messages", type=int, default=2_160_000, help="default: an hour of 60 points at 10 Hz")
     parser.add_argument("--peer-messages", type=int, help="how many messages the slow peers read")
     parser.add_argument("--growth-messages", type=int, help="messages of the 1x log of the growth; 0 leaves it out")
     parser.add_argument("--rounds", type=int, help="how often each reader runs, in turn with the others")

@@ -11,17 +11,15 @@ from maglev_offline.filesystems import Where
 from maglev_offline.ingest import rules
 from maglev_offline.logs.channels import LogInfo, read_survey
 from maglev_offline.logs.counts import shortfall
+from maglev_offline.logs.gathering import Gathering
 from maglev_offline.logs.reader import ReadRun, TopicWanted, read_run, runs
-from maglev_offline.logs.slabs import MemorySlab, Slab
+from maglev_offline.logs.slabs import Slab, bytes_of_row
 from maglev_offline.logs.source import open_source
 from maglev_offline.logs.structure import Damage, Span, Structure
 from maglev_offline.progress import SILENT, Progress
 
-IN_MEMORY_BYTES = 96 * 2**20
-"""So much of a log is held in memory; what is beyond waits on disk."""
-
-LARGE_BYTES = 256 * 2**20
-"""Of a log that is larger nothing is held: its samples need the memory."""
+IN_MEMORY_BYTES = 64 * 2**20
+"""Decoded messages of a log are held in memory up to so many bytes; those of a larger one wait on disk."""
 
 
 @dataclass(frozen=True)
@@ -123,17 +121,35 @@ def _reads(work: Sequence[_Work], wanted: Mapping[str, TopicWanted], scratch: Pa
             for number, (_, part, spans) in enumerate(work)
         )
         return
-    held = 0 if sum(span.length for _, _, spans in work for span in spans) < LARGE_BYTES else IN_MEMORY_BYTES
+    expected: Counter[str] = Counter()
+    for part in {number: part for number, part, _ in work}.values():
+        for channel in part.info.channels:
+            expected[channel.topic] += channel.message_count
+    size = sum(count * _row_bytes(wanted[topic]) for topic, count in expected.items() if topic in wanted)
+    fits = size <= IN_MEMORY_BYTES
+    gathering = Gathering({topic: expected[topic] for topic in wanted}, IN_MEMORY_BYTES) if fits else None
+    held = 0
     for number, (_, part, spans) in enumerate(work):
-        full = held >= IN_MEMORY_BYTES
-        read = _read(part, spans, wanted, scratch / f"{number}.slabs" if full else None)
-        held += sum(slab.nbytes for slab, _ in read.slabs if isinstance(slab, MemorySlab))
+        # An index may tell of fewer messages than there are.
+        fits &= held <= 2 * IN_MEMORY_BYTES
+        read = _read(part, spans, wanted, None if fits else scratch / f"{number}.slabs", gathering)
+        held += sum(n * _row_bytes(wanted[topic]) for slab, _ in read.slabs for topic, n in slab.counts.items())
         yield read
 
 
-def _read(part: Part, spans: tuple[Span, ...], wanted: Mapping[str, TopicWanted], spill_to: Path | None) -> ReadRun:
+def _row_bytes(wanted: TopicWanted) -> int:
+    return bytes_of_row(4 if wanted.clock is None else 5, len(wanted.paths))
+
+
+def _read(
+    part: Part,
+    spans: tuple[Span, ...],
+    wanted: Mapping[str, TopicWanted],
+    spill_to: Path | None,
+    gathering: Gathering | None = None,
+) -> ReadRun:
     with open_source(part.where) as source:
-        return read_run(source, part.structure, spans, wanted, spill_to=spill_to)
+        return read_run(source, part.structure, spans, wanted, spill_to=spill_to, gathering=gathering)
 
 
 def _believable(claimed: Mapping[int, int] | None, found: Mapping[int, int], damages: Sequence[Damage]) -> list[Damage]:

@@ -162,12 +162,13 @@ def _rows(context: Context, point: PointSamples, found: Examined) -> pa.Table:
     found.rows += n
     found.rows_of[point.point] += n
     found.contacts += int(point.contact.sum())
-    table = samples.table(context.log_id, point, tuple(context.plan.signal_map.context), found.segments[point.point])
+    plan, first = context.plan, found.segments[point.point]
+    table = samples.table(context.log_id, point, tuple(plan.sources), tuple(plan.signal_map.context), first)
     if n:
         found.segments[point.point] += int(point.segment[-1]) + 1
-        first, last = int(point.t_ns.min()), int(point.t_ns.max())
-        found.first_t_ns = first if found.first_t_ns is None else min(found.first_t_ns, first)
-        found.last_t_ns = last if found.last_t_ns is None else max(found.last_t_ns, last)
+        begin, end = int(point.t_ns.min()), int(point.t_ns.max())
+        found.first_t_ns = begin if found.first_t_ns is None else min(found.first_t_ns, begin)
+        found.last_t_ns = end if found.last_t_ns is None else max(found.last_t_ns, end)
     return table
 
 

@@ -18,6 +18,7 @@ from maglev_offline.ingest.log import examine_parts, plan_of
 from maglev_offline.ingest.request import Request
 from maglev_offline.logs.channels import ChannelInfo
 from maglev_offline.logs.reader import TopicWanted, read_run, runs
+from maglev_offline.logs.slabs import LOG_TIME, Files
 from maglev_offline.logs.source import open_source
 from maglev_offline.logs.structure import Damage
 from maglev_offline.progress import SILENT, Progress
@@ -153,9 +154,9 @@ def _log_times(part: Part) -> tuple[dict[str, NDArray[np.int64]], list[Damage]]:
             damages += read.damages
             for slab, _ in read.slabs:
                 for topic, times in found.items():
-                    columns = slab.columns(topic)
-                    if columns is not None:
-                        times.append(columns.log_time_ns)
+                    cut = slab.cut(topic, Files())
+                    if cut is not None:
+                        times.append(cut[0].integers[LOG_TIME, cut[1] : cut[2]])
     nothing = np.empty(0, dtype=np.int64)
     return {topic: np.concatenate([nothing, *parts]) for topic, parts in found.items()}, damages
 

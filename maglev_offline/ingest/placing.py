@@ -105,7 +105,7 @@ def place(t_ns: Times, grid: Grid, bounds: Bounds, longest_ns: int | None = None
     ranks = _count(t_ns, grid, bounds) if counted else rank(t_ns, here, grid.begin, bounds, "left")
     after = np.clip(ranks, np.minimum(first, last), last)
     before = np.maximum(after - 1, np.minimum(first, last))
-    t_before, t_after = t_ns[before], t_ns[after]
+    t_before, t_after = t_ns.take(before, mode="clip"), t_ns.take(after, mode="clip")
     behind, ahead = np.abs(here - t_before), np.abs(t_after - here)
     nearest = np.where(behind < ahead, before, after)
     hit = np.minimum(behind, ahead) <= ON_GRID_NS

@@ -15,6 +15,7 @@ from maglev_offline.ingest.chosen_rows import choose_rows
 from maglev_offline.ingest.content import ContentHasher
 from maglev_offline.ingest.findings import Finding
 from maglev_offline.ingest.ledger import Quarantined
+from maglev_offline.ingest.median import median
 from maglev_offline.ingest.points import PointSamples, assemble
 from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.select import messages_mask
@@ -100,6 +101,6 @@ def timing(topic: CleanTopic) -> dict[str, Any]:
         return {**found, "period_ms": None, "jitter_ms": None}
     return {
         **found,
-        "period_ms": float(np.median(steps)) / clock.NS_PER_MS,
+        "period_ms": median(steps) / clock.NS_PER_MS,
         "jitter_ms": float(np.std(steps)) / clock.NS_PER_MS,
     }

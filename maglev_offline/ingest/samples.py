@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.resample import ORIGINS
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from maglev_offline.ingest.points import PointSamples
 
 _ORIGIN = pa.dictionary(pa.int8(), pa.string())
+_NAME = pa.dictionary(pa.int32(), pa.string())
 _TIME = pa.timestamp("ns", tz="UTC")
 
 _ORIGIN_COLUMNS = {
@@ -33,12 +36,13 @@ SAMPLES = "samples.parquet"
 QUARANTINE = "quarantine.parquet"
 
 
-def schema(context: Sequence[str]) -> pa.Schema:
+@cache
+def schema(context: tuple[str, ...]) -> pa.Schema:
     """The columns of the samples table with these context columns."""
     return pa.schema(
         [
-            ("log_id", pa.string()),
-            ("point", pa.string()),
+            ("log_id", _NAME),
+            ("point", _NAME),
             ("t", _TIME),
             ("segment", pa.int32()),
             ("step", pa.int32()),
@@ -54,28 +58,41 @@ def schema(context: Sequence[str]) -> pa.Schema:
     )
 
 
-def table(log_id: str, point: PointSamples, context: Sequence[str], first_segment: int = 0) -> pa.Table:
-    """The samples of one point, its segments numbered from `first_segment`."""
+def table(
+    log_id: str, point: PointSamples, points: tuple[str, ...], context: tuple[str, ...], first_segment: int = 0
+) -> pa.Table:
+    """The samples of one point, its segments numbered from `first_segment`; `points` are all those of the log."""
     made = schema(context)
     n = len(point.t_ns)
+    # The writer takes one dictionary for all rows as it is; strings, or another dictionary each time, it would hash.
+    which = np.full(n, points.index(point.point), dtype=np.int32)
     columns: dict[str, pa.Array] = {
-        "log_id": pa.repeat(log_id, n),
-        "point": pa.repeat(point.point, n),
-        "t": pa.array(point.t_ns, type=pa.int64()).cast(_TIME),
+        "log_id": _coded(np.zeros(n, dtype=np.int32), (log_id,)),
+        "point": _coded(which, points),
+        "t": pa.array(point.t_ns.view("datetime64[ns]")).view(_TIME),
         "segment": pa.array(point.segment + np.int32(first_segment) if first_segment else point.segment),
         "step": pa.array(point.step),
         "contact": pa.array(point.contact),
     }
     for name in made.names:
         if name in _ORIGIN_COLUMNS:
-            codes = pa.array(point.origins[_ORIGIN_COLUMNS[name]], type=pa.int8())
-            columns[name] = pa.DictionaryArray.from_arrays(codes, pa.array(ORIGINS))
+            columns[name] = _coded(point.origins[_ORIGIN_COLUMNS[name]], ORIGINS)
         elif name not in columns:
             columns[name] = pa.array(point.values[name], type=pa.float64())
     return pa.Table.from_arrays([columns[name] for name in made.names], schema=made)
 
 
-def open_samples(path: Path, context: Sequence[str]) -> ParquetSink:
+def _coded(codes: NDArray[Any], names: tuple[str, ...]) -> pa.DictionaryArray:
+    # Not looked through again for codes that are beyond the names.
+    return pa.DictionaryArray.from_arrays(pa.array(codes), _names(names), safe=False)
+
+
+@cache
+def _names(names: tuple[str, ...]) -> pa.Array:
+    return pa.array(names, type=pa.string())
+
+
+def open_samples(path: Path, context: tuple[str, ...]) -> ParquetSink:
     """Open a samples file for writing: numbers that count up as differences, names from a dictionary.
 
     lz4 takes two thirds of the time of zstd, for files that are an eighth larger.
@@ -88,7 +105,8 @@ def open_samples(path: Path, context: Sequence[str]) -> ParquetSink:
         {
             "compression": "lz4",
             "write_statistics": ["log_id", "point", "t", "segment"],
-            "use_dictionary": ["log_id", "point", "set_point_m", *_ORIGIN_COLUMNS, *context],
+            "use_dictionary": ["log_id", "point", "set_point_m", *_ORIGIN_COLUMNS],
+            "data_page_size": 4 * 2**20,
             "column_encoding": dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
         },
     )
@@ -108,15 +126,23 @@ def load_samples(folders: Iterable[Path]) -> pd.DataFrame:
     tables = []
     for folder in folders:
         try:
-            tables.append(pq.read_table(folder / SAMPLES))
+            tables.append(_plain_names(pq.read_table(folder / SAMPLES)))
         except (OSError, pa.ArrowException) as error:
             raise ArtefactError(
                 f"the samples cannot be read ({error}).", where=str(folder), todo="Run the ingest stage again."
             ) from None
     context = dict.fromkeys(name for t in tables for name in t.column_names if name not in schema(()).names)
-    wanted = schema(tuple(context))
+    wanted = _plain_names(schema(tuple(context)).empty_table()).schema
     joined = pa.concat_tables(tables, promote_options="default") if tables else wanted.empty_table()
     frame: pd.DataFrame = joined.select(wanted.names).to_pandas()
     for name in _ORIGIN_COLUMNS:
         frame[name] = pd.Categorical(frame[name], categories=list(ORIGINS))
     return frame
+
+
+def _plain_names(table: pa.Table) -> pa.Table:
+    """Names as strings: every log has its own dictionary of them."""
+    for name in ("log_id", "point"):
+        at = table.schema.get_field_index(name)
+        table = table.set_column(at, name, table[name].cast(pa.string()))
+    return table

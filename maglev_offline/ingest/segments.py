@@ -56,6 +56,8 @@ def lone(stretch: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Messages that are alone in their stretch, shape [n]."""
     if len(stretch) == 0:
         return np.empty(0, dtype=np.bool_)
+    if len(stretch) > 1 and stretch[-1] == stretch[0]:
+        return np.zeros(len(stretch), dtype=np.bool_)
     alone: NDArray[np.bool_] = np.bincount(stretch)[stretch] == 1
     return alone
 

@@ -62,60 +62,89 @@ def clean(
     Every message of `columns` ends either in the clean topic or in one entry of the ledger. `index` [n] is the place
     of each within the topic in file order, by default from 0. `chosen` says which messages the user asked for.
     """
-    n = len(columns)
-    place = np.arange(n) if index is None else index
+    place = np.arange(len(columns)) if index is None else index
     times = clock.choose(columns, signal_map.clock)
     values: dict[str, NDArray[np.float64]] = {}
     outside: dict[str, NDArray[np.bool_]] = {}
     for name, signal in plan.signals.items():
         values[name], outside[name] = to_si(name, signal, columns.values[signal.field])
+    aside = _Aside(plan, times, place)
+    left = _usable(columns, values, outside, signal_map.clock_field or "", chosen, aside)
 
-    entries: list[Quarantined] = []
+    whole = bool(left.all())
+    kept = np.arange(len(columns)) if whole else np.flatnonzero(left)
+    in_use = times if whole else times[kept]
+    epoch = np.zeros(len(kept), dtype=np.int32)
+    if len(in_use) and not (in_use[1:] > in_use[:-1]).all():  # otherwise they are in order already, each time once
+        epoch = clock.epochs(in_use, round(settings.reorder_ms * clock.NS_PER_MS))
+        order = clock.time_order(in_use, epoch)
+        kept, epoch = kept[order], epoch[order]
+        repeated, conflict = rules.same_time(times[kept], epoch, {name: v[kept] for name, v in values.items()})
+        aside.put(kept[repeated], rules.REPEATED)
+        aside.put(kept[conflict], rules.TIME_CONFLICT)
+        kept, epoch = kept[~(repeated | conflict)], epoch[~(repeated | conflict)]
+        whole = False
+        in_use = times[kept]
 
-    def put_aside(where: NDArray[np.intp], code: str, detail: str | NDArray[np.str_] = "") -> None:
-        if len(where):
-            point = point_in_ledger(plan.points)
-            entries.append(Quarantined("message", code, times[where], place[where], plan.topic, point, detail))
+    only_context = not any(name in UNIT_OF_SIGNAL for name in plan.signals)
+    stretch = segments.stretch_of(in_use, epoch, settings.bridge_ns(context_only=only_context))
+    alone = np.zeros(len(stretch), dtype=np.bool_) if only_context else segments.lone(stretch)
+    resets = int(epoch[-1]) if len(epoch) else 0
+    if alone.any():
+        aside.put(kept[alone], rules.TOO_SHORT, "a single message")
+        kept, epoch, stretch = kept[~alone], epoch[~alone], stretch[~alone]
+        whole = False
 
-    left = np.ones(n, dtype=np.bool_)
+    file_index = columns.file_index
+    if not whole:  # taking all of them would be a copy of the topic for nothing
+        times, place, file_index = times[kept], place[kept], file_index[kept]
+        values = {name: v[kept] for name, v in values.items()}
+    found = segments.stretches(times, stretch, epoch, file_index)
+    return CleanTopic(plan.topic, plan.points, times, place, values, found, resets), aside.entries
+
+
+class _Aside:
+    """Collects what is put aside of a topic's messages, whose times and places have shape [n]."""
+
+    def __init__(self, plan: TopicPlan, times: NDArray[np.int64], place: NDArray[np.int64]) -> None:
+        self._plan, self._times, self._place = plan, times, place
+        self.entries: list[Quarantined] = []
+
+    def put(self, rows: NDArray[np.intp], code: str, detail: str | NDArray[np.str_] = "") -> None:
+        """Put some messages aside; none make no entry."""
+        if len(rows):
+            point, topic = point_in_ledger(self._plan.points), self._plan.topic
+            self.entries.append(
+                Quarantined("message", code, self._times[rows], self._place[rows], topic, point, detail)
+            )
+
+    @property
+    def no_time(self) -> NDArray[np.bool_]:
+        """Messages without a time."""
+        return rules.no_stamp(self._times)
+
+
+def _usable(
+    columns: ChannelColumns,
+    values: dict[str, NDArray[np.float64]],
+    outside: dict[str, NDArray[np.bool_]],
+    stamp: str,
+    chosen: Chosen | None,
+    aside: _Aside,
+) -> NDArray[np.bool_]:
+    """Messages that are asked for and hold what they should, shape [n]; the first rule that is broken counts."""
+    left = np.ones(len(columns), dtype=np.bool_)
     if chosen is not None and not chosen.keep.all():
-        put_aside(np.flatnonzero(~chosen.keep), chosen.code, chosen.detail)
+        aside.put(np.flatnonzero(~chosen.keep), chosen.code, chosen.detail)
         left = chosen.keep.copy()
-    stamp = signal_map.clock_field or ""
     for code, masks in (
         (rules.NOT_DECODABLE, {"": ~columns.decoded}),
-        (rules.NO_STAMP, {stamp: rules.no_stamp(times)}),
+        (rules.NO_STAMP, {stamp: aside.no_time}),
         (rules.NOT_FINITE, rules.not_finite(values)),
         (rules.OUT_OF_RANGE, outside),
     ):
         if any(mask.any() for mask in masks.values()):
             found = np.flatnonzero(left & np.logical_or.reduce(list(masks.values())))
-            put_aside(found, code, rules.named({name: mask[found] for name, mask in masks.items()}, len(found)))
+            aside.put(found, code, rules.named({name: mask[found] for name, mask in masks.items()}, len(found)))
             left[found] = False
-
-    kept = np.flatnonzero(left)
-    epoch = np.zeros(len(kept), dtype=np.int32)
-    if not (np.diff(times[kept]) > 0).all():  # otherwise they are in order already, each time once
-        epoch = clock.epochs(times[kept], round(settings.reorder_ms * clock.NS_PER_MS))
-        order = clock.time_order(times[kept], epoch)
-        kept, epoch = kept[order], epoch[order]
-        repeated, conflict = rules.same_time(times[kept], epoch, {name: v[kept] for name, v in values.items()})
-        put_aside(kept[repeated], rules.REPEATED)
-        put_aside(kept[conflict], rules.TIME_CONFLICT)
-        kept, epoch = kept[~(repeated | conflict)], epoch[~(repeated | conflict)]
-
-    only_context = not any(name in UNIT_OF_SIGNAL for name in plan.signals)
-    stretch = segments.stretch_of(times[kept], epoch, settings.bridge_ns(context_only=only_context))
-    alone = np.zeros(len(stretch), dtype=np.bool_) if only_context else segments.lone(stretch)
-    resets = int(epoch[-1]) if len(epoch) else 0
-    if alone.any():
-        put_aside(kept[alone], rules.TOO_SHORT, "a single message")
-        kept, epoch, stretch = kept[~alone], epoch[~alone], stretch[~alone]
-
-    whole = len(kept) == n and bool((kept[1:] > kept[:-1]).all())
-    if not whole:
-        times, place = times[kept], place[kept]
-        values = {name: v[kept] for name, v in values.items()}
-    file_index = columns.file_index if whole else columns.file_index[kept]
-    found_stretches = segments.stretches(times, stretch, epoch, file_index)
-    return CleanTopic(plan.topic, plan.points, times, place, values, found_stretches, resets), entries
+    return left

@@ -1,6 +1,5 @@
 """One span of a log at a time: read, checked against what it claims, decompressed, its messages found."""
 
-import zlib
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -11,6 +10,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from maglev_offline.logs import messages, wire
+from maglev_offline.logs.checksum import crc32
 from maglev_offline.logs.message_index import IndexEntries, counts_of, parse_index, sound_counts
 from maglev_offline.logs.source import Source
 from maglev_offline.logs.structure import ChunkSpan, Damage, Loaded, LooseSpan, MessageTable, Span
@@ -65,7 +65,7 @@ def load_span(source: Source, span: Span, channels: Mapping[int, Channel] | None
         lost = sound_counts(parse_index(block), head.uncompressed_size if head else 2**63)
         return _nothing(Damage(bad.code, span.offset, span.length, lost, bad.detail))
     entries = parse_index(block)
-    if head.crc and zlib.crc32(data.data) != head.crc:
+    if head.crc and crc32(data.data) != head.crc:
         lost = sound_counts(entries, len(data))
         if lost is None:
             found = messages.from_records(data)
@@ -161,7 +161,7 @@ def _rest(span: Span, data: NDArray[np.uint8], found: messages.Found, entries: I
 
 
 def _nothing(damage: Damage) -> Loaded:
-    return Loaded(np.empty(0, dtype=np.uint8), messages.empty_table(), {}, {}, (damage,))
+    return Loaded(np.empty(0, dtype=np.uint8), messages.empty_table(), {}, {}, {}, (damage,))
 
 
 def _loaded(
@@ -176,22 +176,18 @@ def _loaded(
     for opcode, offset, length in found.others:
         damages += declare(bytes(data[offset : offset + length]), opcode, schemas, channels, (span.offset, span.length))
     table = found.messages
+    counts = counts_of(table.channel_id)
     if known is not None:
         damages += conflicts(channels, known, (span.offset, span.length))
-        table, unknown = _of_known_channels(table, known.keys() | channels.keys())
+        declared = known.keys() | channels.keys()
+        unknown = {number: n for number, n in counts.items() if number not in declared}
         if unknown:
             detail = f"messages of channels that are declared nowhere: {', '.join(map(str, unknown))}"
             damages.append(Damage("unknown_channel", span.offset, span.length, unknown, detail))
-    return Loaded(data, table, schemas, channels, tuple(damages))
-
-
-def _of_known_channels(table: MessageTable, known: set[int]) -> tuple[MessageTable, dict[int, int]]:
-    counts = counts_of(table.channel_id)
-    unknown = {number: n for number, n in counts.items() if number not in known}
-    if not unknown:
-        return table, {}
-    keep = ~np.isin(table.channel_id, list(unknown))
-    return MessageTable(*(column[keep] for column in vars(table).values())), unknown
+            keep = ~np.isin(table.channel_id, list(unknown))
+            table = MessageTable(*(column[keep] for column in vars(table).values()))
+            counts = {number: n for number, n in counts.items() if number in declared}
+    return Loaded(data, table, counts, schemas, channels, tuple(damages))
 
 
 def declare(

@@ -47,12 +47,6 @@ class ChannelColumns:
         clock = rest[len(self.values)] if self.clock_ns is not None else None
         return ChannelColumns(topic or self.topic, log_time, publish_time, sequence, file_index, values, decoded, clock)
 
-    def moved(self, first: int) -> "ChannelColumns":
-        """The same messages in a file in which `first` others come before them."""
-        arrays = self.arrays()
-        arrays[3] = arrays[3] + first
-        return self.remade(arrays)
-
     def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice, topic: str = "") -> "ChannelColumns":
         """Some of its messages, those of another topic if that is named."""
         return self.remade([array[rows] for array in self.arrays()], topic)

@@ -12,19 +12,37 @@ from numpy.typing import NDArray
 
 from maglev_offline.errors import LogError
 from maglev_offline.logs.chunks import load_span
-from maglev_offline.logs.columns import NO_TIME, ChannelColumns, join
+from maglev_offline.logs.columns import NO_TIME, ChannelColumns
 from maglev_offline.logs.decode.ladder import Columns, Ladder
 from maglev_offline.logs.decode.library import ClockField, Decoders
 from maglev_offline.logs.decode.payloads import Payloads, Wanted
-from maglev_offline.logs.message_index import counts_of
+from maglev_offline.logs.gathering import Gathering
 from maglev_offline.logs.scan import read_structure
-from maglev_offline.logs.slabs import ROWS, MemorySlab, Slab, by_topic
+from maglev_offline.logs.slabs import (
+    FILE_INDEX,
+    LOG_TIME,
+    PUBLISH_TIME,
+    ROWS,
+    SEQUENCE,
+    STAMP,
+    Cut,
+    Files,
+    MemorySlab,
+    Piece,
+    Slab,
+    by_topic,
+    join_cuts,
+    join_pieces,
+)
 from maglev_offline.logs.source import Source, open_source
-from maglev_offline.logs.structure import Damage, MessageTable, Span, Structure
+from maglev_offline.logs.structure import Damage, Loaded, MessageTable, Span, Structure
 from maglev_offline.memory import keep_freed_memory
 
 RUN_BYTES = 16 * 2**20
 """Spans are decoded in runs of about so many bytes: the unit of work that is shared among processes."""
+
+_MOST_PER_FILE_BYTE = 32
+"""A log may claim any number of messages: no more memory is asked for beforehand than so many times its size."""
 
 _UNDECLARED, _UNWANTED = -2, -1
 
@@ -71,8 +89,11 @@ def read_run(
     wanted: Mapping[str, TopicWanted],
     *,
     spill_to: Path | None = None,
+    gathering: Gathering | None = None,
 ) -> ReadRun:
     """Decode a run of spans; with `spill_to` its slabs are written to that file, otherwise they stay in memory.
+
+    `gathering` is memory that consecutive runs share.
 
     Raises
     ------
@@ -84,19 +105,20 @@ def read_run(
     counts: Counter[int] = Counter()
     damages: list[Damage] = []
     first = total = waiting = 0
-    shapes: dict[str, ChannelColumns] = {}
     file: BinaryIO | None = spill_to.open("wb") if spill_to is not None else None
     try:
         for number, span in enumerate(spans):
             loaded = load_span(source, span, structure.channels)
             damages += loaded.damages
-            in_span = counts_of(loaded.messages.channel_id)
-            counts.update(in_span)
-            waiting += groups.add(loaded.data, loaded.messages, in_span, total - first)
+            counts.update(loaded.counts)
+            waiting += groups.add(loaded, total - first)
             total += len(loaded.messages)
             if waiting >= ROWS or number == len(spans) - 1:
                 slab = groups.slab()
-                slabs.append((slab if file is None else slab.spill(file, shapes), total - first))
+                if file is not None:
+                    slabs.append((slab.spill(file), total - first))
+                else:
+                    slabs.append((slab if gathering is None else gathering.take_in(slab), total - first))
                 first, waiting = total, 0
     finally:
         if file is not None:
@@ -121,29 +143,50 @@ def read_columns(
     asked = {topic: TopicWanted(tuple(paths), clocks.get(topic)) for topic, paths in wanted.items()}
     with open_source(path) as source:
         structure = read_structure(source)
-        slabs = [pair for spans in runs(structure) for pair in read_run(source, structure, spans, asked).slabs]
+        expected: Counter[str] = Counter()
+        for channel_id, count in (structure.claimed or {}).items():
+            if channel_id in structure.channels:
+                expected[structure.channels[channel_id].topic] += count
+        room = Gathering(expected, _MOST_PER_FILE_BYTE * source.size)
+        slabs = [
+            pair
+            for spans in runs(structure)
+            for pair in read_run(source, structure, spans, asked, gathering=room).slabs
+        ]
     return {topic: topic_columns(slabs, topic, asked[topic]) for topic in wanted}
 
 
 def topic_columns(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWanted, first: int = 0) -> ChannelColumns:
     """All messages of a topic in consecutive slabs, the first of which begins at the file index `first`."""
-    return join(_parts(slabs, topic, wanted, first))
+    cuts: list[Cut] = []
+    before: list[int] = []
+    with Files() as files:
+        for slab, spanned in slabs:
+            cut = slab.cut(topic, files)
+            if cut is not None:
+                cuts.append(cut)
+                before.append(first)
+            first += spanned
+    if not cuts:
+        cuts, before = [(_empty(wanted), 0, 0)], [0]
+    whole = join_cuts(cuts)
+    offsets = np.repeat(before, [stop - first for _, first, stop in cuts])
+    log_time, publish_time, sequence, file_index, *stamp = whole.integers
+    return ChannelColumns(
+        topic=topic,
+        log_time_ns=log_time,
+        publish_time_ns=publish_time,
+        sequence=sequence,
+        file_index=file_index + offsets,
+        values=dict(zip(wanted.paths, whole.values, strict=True)),
+        decoded=whole.decoded,
+        clock_ns=stamp[0] if stamp else None,
+    )
 
 
-def _parts(slabs: Sequence[tuple[Slab, int]], topic: str, wanted: TopicWanted, first: int) -> list[ChannelColumns]:
-    parts = []
-    for slab, spanned in slabs:
-        part = slab.columns(topic)
-        if part is not None:
-            parts.append(part.moved(first))
-        first += spanned
-    return parts or [_empty(topic, wanted)]
-
-
-def _empty(topic: str, wanted: TopicWanted) -> ChannelColumns:
-    none = np.empty(0, dtype=np.int64)
-    values = {path: np.empty(0) for path in wanted.paths}
-    return ChannelColumns(topic, none, none, none, none, values, np.empty(0, bool), none if wanted.clock else None)
+def _empty(wanted: TopicWanted) -> Piece:
+    integers = np.empty((5 if wanted.clock else 4, 0), dtype=np.int64)
+    return Piece(integers, np.empty((len(wanted.paths), 0)), np.empty(0, dtype=np.bool_))
 
 
 @dataclass
@@ -153,7 +196,7 @@ class _Group:
     wanted: TopicWanted
     ladder: Ladder | None
     topics: list[str] = field(default_factory=list)
-    rows: list[tuple[NDArray[np.uint16], ChannelColumns]] = field(default_factory=list)
+    rows: list[tuple[NDArray[np.uint16], Piece]] = field(default_factory=list)
 
 
 class _Groups:
@@ -197,58 +240,41 @@ class _Groups:
                 "these, the schema is damaged: record the log again with whole message definitions.",
             ) from None
 
-    def add(self, data: NDArray[np.uint8], messages: MessageTable, counts: Mapping[int, int], first: int) -> int:
-        """Decode the messages of one span, `counts` of which each channel has; `first` is the index of its first one.
-
-        Returns how many rows were added.
-        """
-        present = {int(self._group_of[channel]) for channel in counts}
+    def add(self, loaded: Loaded, first: int) -> int:
+        """Decode the messages of one span; `first` is the index of its first one. Returns how many rows were added."""
+        messages = loaded.messages
+        present = {int(self._group_of[channel]) for channel in loaded.counts}
         added = 0
         for number in sorted(present - {_UNDECLARED, _UNWANTED}):
             group = self._groups[number]
             whole = len(present) == 1
-            rows = np.arange(len(messages))
-            if not whole:
-                rows = np.flatnonzero(self._group_of[messages.channel_id] == number)
-            start, length = (x if whole else x[rows] for x in (messages.start, messages.length))
+            rows = np.arange(len(messages)) if whole else np.flatnonzero(self._group_of[messages.channel_id] == number)
+            which: slice | NDArray[np.intp] = slice(None) if whole else rows
             columns = (
-                group.ladder.decode(Payloads(data, start, length))
+                group.ladder.decode(Payloads(loaded.data, messages.start[which], messages.length[which]))
                 if group.ladder is not None
                 else Columns(np.empty((0, len(rows))), None, np.ones(len(rows), dtype=np.bool_))
             )
-            which: slice | NDArray[np.intp] = slice(None) if whole else rows
-            group.rows.append(
-                (
-                    self._topic_of[messages.channel_id[which]],
-                    ChannelColumns(
-                        topic="",
-                        log_time_ns=_signed(messages.log_time_ns[which]),
-                        publish_time_ns=_signed(messages.publish_time_ns[which]),
-                        sequence=messages.sequence[which].astype(np.int64),
-                        file_index=rows + first,
-                        values=dict(zip(group.wanted.paths, columns.values, strict=True)),
-                        decoded=columns.decoded,
-                        clock_ns=columns.stamp_ns,
-                    ),
-                )
-            )
+            integers = _integers(messages, which, columns.stamp_ns)
+            np.add(rows, first, out=integers[FILE_INDEX])
+            piece = Piece(integers, columns.values, columns.decoded)
+            group.rows.append((self._topic_of[messages.channel_id[which]], piece))
             added += len(rows)
         return added
 
     def slab(self) -> MemorySlab:
         """The rows that wait, sorted by topic."""
-        topics: dict[str, ChannelColumns] = {}
+        topics: dict[str, Cut] = {}
         for group in self._groups:
             if group.rows:
                 topic_of_row = np.concatenate([topic for topic, _ in group.rows])
-                made = by_topic(join([columns for _, columns in group.rows]), topic_of_row, group.topics).topics
-                for topic, columns in made.items():
+                made = by_topic(join_pieces([piece for _, piece in group.rows]), topic_of_row, group.topics)
+                for topic in topics.keys() & made.topics.keys():
                     # Channels of one topic with different schemas meet here; their messages keep the file's order.
-                    if topic in topics:
-                        both = join([topics[topic], columns])
-                        topics[topic] = both.take(np.argsort(both.file_index, kind="stable"))
-                    else:
-                        topics[topic] = columns
+                    both = join_cuts([topics[topic], made.topics[topic]])
+                    both = both.take(np.argsort(both.integers[FILE_INDEX], kind="stable"))
+                    made.topics[topic] = (both, 0, len(both))
+                topics |= made.topics
                 group.rows.clear()
         return MemorySlab(topics)
 
@@ -265,8 +291,17 @@ class _Groups:
         return {g.topics[0]: g.ladder.first_failure for g in self._groups if g.ladder and g.ladder.first_failure}
 
 
-def _signed(times: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Times after the year 2262 do not fit: they become `NO_TIME`."""
-    signed = times.astype(np.int64)
-    late = signed < 0
-    return np.where(late, NO_TIME, signed) if late.any() else signed
+def _integers(
+    messages: MessageTable, which: slice | NDArray[np.intp], stamp_ns: NDArray[np.int64] | None
+) -> NDArray[np.int64]:
+    """All of a `Piece` but the file index. Times after the year 2262 do not fit: they become `NO_TIME`."""
+    sequence = messages.sequence[which]
+    found = np.empty((4 if stamp_ns is None else 5, len(sequence)), dtype=np.int64)
+    found[LOG_TIME], found[PUBLISH_TIME] = messages.log_time_ns[which], messages.publish_time_ns[which]
+    found[SEQUENCE] = sequence
+    times = found[:SEQUENCE]
+    if times.min(initial=0) < 0:
+        times[times < 0] = NO_TIME
+    if stamp_ns is not None:
+        found[STAMP] = stamp_ns
+    return found

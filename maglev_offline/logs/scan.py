@@ -1,9 +1,9 @@
 """The structure of a log: from its summary where that holds, from its records where not, around what is damaged."""
 
-import zlib
 from collections.abc import Iterable
 
 from maglev_offline.logs import wire
+from maglev_offline.logs.checksum import crc32
 from maglev_offline.logs.chunks import conflicts, load_span
 from maglev_offline.logs.counts import count_messages
 from maglev_offline.logs.source import MAGIC, Source
@@ -96,7 +96,7 @@ def _check_data_crc(source: Source, walk: Walk) -> None:
     end, stored = walk.data_end
     crc = 0
     for at in range(0, end, _CRC_BYTES):
-        crc = zlib.crc32(source.read_at(at, min(_CRC_BYTES, end - at)), crc)
+        crc = crc32(source.read_at(at, min(_CRC_BYTES, end - at)), crc)
     if crc == stored:
         return
     walk.spans = [span for span in walk.spans if isinstance(span, ChunkSpan)]

@@ -110,11 +110,12 @@ class MessageTable:
 class Loaded:
     """The checked bytes of one span and the messages in them; `damages` tells what of the span could not be used.
 
-    `schemas` and `channels` are those whose records lie in the span itself.
+    `counts` are messages by channel id. `schemas` and `channels` are those whose records lie in the span itself.
     """
 
     data: NDArray[np.uint8]
     messages: MessageTable
+    counts: dict[int, int]
     schemas: dict[int, Schema]
     channels: dict[int, Channel]
     damages: tuple[Damage, ...]

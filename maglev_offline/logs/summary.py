@@ -1,11 +1,11 @@
 """The summary section at the end of a log, and whether it holds."""
 
-import zlib
 from dataclasses import dataclass, field
 
 from mcap.records import Channel, Schema
 
 from maglev_offline.logs import wire
+from maglev_offline.logs.checksum import crc32
 from maglev_offline.logs.chunks import declare
 from maglev_offline.logs.source import MAGIC, Source
 from maglev_offline.logs.window import Window
@@ -54,7 +54,7 @@ def read_summary(source: Source, end: int | None = None, start: int | None = Non
     if not len(MAGIC) <= start < footer_at or footer_at - start > _LARGEST_SUMMARY:
         return None
     section = source.read_at(start, footer_at - start)
-    if crc and zlib.crc32(footer[:25], zlib.crc32(section)) != crc:
+    if crc and crc32(footer[:25], crc32(section)) != crc:
         return None
     summary = Summary(start, bool(crc))
     if not _parse(section, summary):

@@ -3,6 +3,7 @@
 import importlib.util
 import struct
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,7 @@ def test_what_memory_cannot_hold_waits_on_disk(log, tmp_path, monkeypatch):
     assert {type(slab) for slab, _ in held.slabs} == {MemorySlab}
     monkeypatch.setattr(decoded, "IN_MEMORY_BYTES", 10_000)
     spilled = decode([log], tmp_path)
-    assert {type(slab) for slab, _ in spilled.slabs} == {MemorySlab, DiskSlab}
+    assert {type(slab) for slab, _ in spilled.slabs} == {DiskSlab}
     assert [(slab.counts, n) for slab, n in spilled.slabs] == [(slab.counts, n) for slab, n in held.slabs]
     same_columns(held, spilled)
 
@@ -121,3 +122,15 @@ def test_a_log_without_statistics_is_taken_at_its_word(tmp_path):
     made = decode([path], tmp_path)
     adds_up(made, {"/1": 300, "/2": 300, "/3": 300})
     assert "missing" not in {lost.code for lost in made.lost}
+
+
+def test_an_index_that_tells_of_too_few_messages_fills_no_memory(log, tmp_path, monkeypatch):
+    monkeypatch.setattr("maglev_offline.logs.reader.RUN_BYTES", 4096)
+    whole = decode([log], tmp_path)
+    parts = open_parts([log])
+    channels = tuple(replace(channel, message_count=1) for channel in parts[0].info.channels)
+    understated = [replace(parts[0], info=replace(parts[0].info, channels=channels))]
+    monkeypatch.setattr(decoded, "IN_MEMORY_BYTES", 1000)
+    found = decode_parts(understated, HEADERS, tmp_path)
+    assert {type(slab) for slab, _ in found.slabs} == {MemorySlab, DiskSlab}
+    same_columns(whole, found)

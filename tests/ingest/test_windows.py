@@ -15,7 +15,7 @@ from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.ingest.windows import windows
 from maglev_offline.logs.columns import ChannelColumns
 from maglev_offline.logs.reader import TopicWanted
-from maglev_offline.logs.slabs import MemorySlab
+from maglev_offline.logs.slabs import MemorySlab, Piece
 
 T0 = 1_700_000_000_000_000_000
 MS = 1_000_000
@@ -44,9 +44,9 @@ def slabs_of(messages, cuts):
         for topic, its in whole.items():
             part = its.take((its.file_index >= first) & (its.file_index < last))
             if len(part):
-                moved = part.arrays()
-                moved[3] = part.file_index - first
-                parts[topic] = part.remade(moved)
+                integers = np.stack([part.log_time_ns, part.publish_time_ns, part.sequence, part.file_index - first])
+                piece = Piece(integers, np.stack(list(part.values.values())), part.decoded)
+                parts[topic] = (piece, 0, len(piece))
         made.append((MemorySlab(parts), last - first))
     return whole, made
 

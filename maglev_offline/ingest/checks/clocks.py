@@ -10,6 +10,7 @@ from maglev_offline.ingest.checks.settings import CheckSettings
 from maglev_offline.ingest.checks.timing import FARTHEST_NS, Timing, countable
 from maglev_offline.ingest.clock import NS_PER_MS
 from maglev_offline.ingest.findings import Finding
+from maglev_offline.ingest.median import median
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.logs.columns import ChannelColumns
 
@@ -75,7 +76,7 @@ def _without_jumps(
     level = _blocks(difference)
     rises = np.diff(level)
     # What every block rises by is a drift.
-    large = np.flatnonzero(np.abs(rises - np.median(rises)) > least) if len(rises) else np.empty(0, dtype=np.int64)
+    large = np.flatnonzero(np.abs(rises - median(rises)) > least) if len(rises) else np.empty(0, dtype=np.int64)
     if 0 < len(large) <= _JUMPS:
         difference = difference.copy()
         size = len(difference) / len(level)
@@ -96,7 +97,7 @@ def _without_jumps(
 
 def _with_way_back(difference: Index, timing: Timing, reorder_ns: int) -> Index:
     """What was sent before a reset of all clocks and arrives after it has a delay that lacks the way back: add it."""
-    usual = float(np.median(difference))
+    usual = median(difference)
     difference = difference.copy()
     for reset in timing.resets.tolist():
         back = _way_back(reset, timing)
@@ -141,7 +142,7 @@ def _jump(name: Name, clocks: str, jumps: list[_Jump], timing: Timing) -> list[F
 
 
 def _delays(name: Name, delay: Index, timing: Timing, settings: CheckSettings) -> tuple[list[Finding], Index]:
-    usual = float(np.median(delay[:: max(len(delay) // 2048, 1)]))
+    usual = median(delay[:: max(len(delay) // 2048, 1)])
     found: list[Finding] = []
     limit = settings.late_periods * timing.period_ns
     late = np.empty(0, dtype=np.int64)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from maglev_offline.ingest import clock
 from maglev_offline.ingest.findings import MOST_PLACES, Place
+from maglev_offline.ingest.median import median
 from maglev_offline.ingest.settings import IngestSettings
 from maglev_offline.logs.columns import ChannelColumns
 from maglev_offline.logs.signals import Clock
@@ -91,7 +92,7 @@ def period_of(steps_ns: Index) -> float:
     """Median of the steps above 0, ns; of every k-th where there are many, and 0 where there are none."""
     some = steps_ns[:: max(len(steps_ns) // 2048, 1)]
     some = some[some > 0]
-    return float(np.median(some)) if len(some) else 0.0
+    return median(some) if len(some) else 0.0
 
 
 def runs(mask: Mask) -> tuple[Index, Index]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_offline.ingest.checks.settings import CheckSettings
+from maglev_offline.ingest.median import median
 from maglev_offline.ingest.points import PointSamples
 from maglev_offline.physics.dynamics import inductance
 from maglev_offline.physics.parameters import Plant
@@ -48,9 +49,9 @@ def resistance_of_windows(
         return None
     volt_seconds, amp_seconds, rising = volt_seconds[usable], amp_seconds[usable], rising[usable]
     each = (volt_seconds - rising) / amp_seconds
-    middle = float(np.median(each))
+    middle = median(each)
     # 1.4826 MAD is the standard deviation of normal values, 1.2533 / sqrt(n) of it that of their median.
-    half = 1.96 * 1.2533 * 1.4826 * float(np.median(np.abs(each - middle))) / np.sqrt(len(each))
+    half = 1.96 * 1.2533 * 1.4826 * median(np.abs(each - middle)) / np.sqrt(len(each))
     total = float(volt_seconds.sum())
     explained = plant.resistance_ohm * float(amp_seconds.sum()) + float(rising.sum())
     return Asked(middle, middle - half, middle + half, explained / total if total else 0.0, len(each))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maglev_offline.logs.decode.cdr_cursor import MOST_STEPS, Column, Cursor, advance
 from maglev_offline.logs.decode.cdr_plan import Number, Place, Segment, Source, Step, Time, find, make_steps
-from maglev_offline.logs.decode.payloads import NO_TIME, ColumnDecoder, Decoded, Payloads, Wanted, nothing_sure
+from maglev_offline.logs.decode.payloads import NO_TIME, ColumnDecoder, Decoded, Payloads, Wanted, unwritten
 from maglev_offline.logs.decode.ros2_definitions import read_message_type
 
 FIXED, CURSOR = "fixed_layout", "cursor"
@@ -63,7 +63,10 @@ class CdrColumns:
     def decode(self, payloads: Payloads) -> Decoded:
         """Read the wanted columns; not sure are messages that are cut off or hold what cannot be."""
         n = len(payloads)
-        found = nothing_sure(self.wanted.paths, n, stamped=self.wanted.clock is not None)
+        found = unwritten(len(self.wanted.paths), n, stamped=self.wanted.clock is not None)
+        found.values[[source is None for source in self.sources]] = np.nan
+        if found.stamp_ns is not None and self.stamp is None:
+            found.stamp_ns[:] = NO_TIME
         data = np.ascontiguousarray(payloads.data)
         # Signalling NaNs and floats beyond the range of int64 are data, and no reason to warn.
         with np.errstate(all="ignore"):

@@ -47,8 +47,8 @@ class Ladder:
     def decode(self, payloads: Payloads) -> Columns:
         """Read all messages; what no rung can read is NaN, `NO_TIME` and not `decoded`."""
         n = len(payloads)
-        found = nothing_sure(self._wanted.paths, n, stamped=self._wanted.clock is not None)
         rows = np.arange(n)
+        found: Decoded | None = None
         for rung in self._fast:
             if len(rows) == 0:
                 break
@@ -57,15 +57,20 @@ class Ladder:
             if len(rows) == n and read.sure.all():
                 self.rungs[rung.rung] += n
                 return Columns(read.values, read.stamp_ns, read.sure)
+            found = found or self._nothing(n)
             sure = np.flatnonzero(read.sure)
             if len(sure):
                 self.rungs[rung.rung] += len(sure)
                 _put(found, rows[sure], read, sure)
                 rows = np.delete(rows, sure)
+        found = found or self._nothing(n)
         decoded = np.ones(n, dtype=np.bool_)
         for row in rows.tolist():
             decoded[row] = self._one(payloads, row, found)
         return Columns(found.values, found.stamp_ns, decoded)
+
+    def _nothing(self, n: int) -> Decoded:
+        return nothing_sure(self._wanted.paths, n, stamped=self._wanted.clock is not None)
 
     def _one(self, payloads: Payloads, row: int, found: Decoded) -> bool:
         try:

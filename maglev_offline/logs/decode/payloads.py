@@ -73,3 +73,9 @@ def nothing_sure(paths: Sequence[Path], n: int, *, stamped: bool) -> Decoded:
     """The result of a decoder that vouches for no row."""
     stamps = np.full(n, NO_TIME, dtype=np.int64) if stamped else None
     return Decoded(np.full((len(paths), n), np.nan), stamps, np.zeros(n, dtype=np.bool_))
+
+
+def unwritten(paths: int, n: int, *, stamped: bool) -> Decoded:
+    """The same with any numbers in it, for a decoder that writes all rows of which it is sure."""
+    stamps = np.empty(n, dtype=np.int64) if stamped else None
+    return Decoded(np.empty((paths, n)), stamps, np.zeros(n, dtype=np.bool_))

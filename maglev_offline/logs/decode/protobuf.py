@@ -5,13 +5,15 @@ tag at each position, reads the rows that hold the field, and moves these on. A 
 (unknown, repeated or disordered fields, damage) is not sure, and the library decides what it means.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_offline.logs.decode.payloads import ColumnDecoder, Decoded, Payloads, Wanted, nothing_sure
 from maglev_offline.logs.decode.protobuf_columns import Columns
 from maglev_offline.logs.decode.protobuf_plan import Plan, Want, plan_protobuf
-from maglev_offline.logs.decode.protobuf_types import FIXED, FieldPlan, Kind, MessagePlan
+from maglev_offline.logs.decode.protobuf_types import FIXED, FieldPlan, FixedRun, Kind, MessagePlan
 from maglev_offline.logs.decode.varints import PADDING, Positions, Reads
 
 DEEPEST = 32
@@ -54,23 +56,24 @@ class CursorDecoder:
         found = nothing_sure(self._wanted.paths, n, stamped=self._wanted.clock is not None)
         start, length = payloads.start, payloads.length
         there = (start >= 0) & (length >= 0) & (start <= size) & (length <= size - start)
-        roomy = there & (start + length <= size - PADDING)
-        first = n if roomy.all() else int(np.argmin(roomy))
-        if first:
-            self._read(Payloads(payloads.data, start[:first], length[:first]), _part(found, slice(first)))
-        # What stands last in the buffer gets a buffer of its own, with room behind.
-        rest = first + np.flatnonzero(there[first:])
-        if len(rest):
-            begin = int(start[rest].min())
-            data = np.concatenate([payloads.data[begin:], np.zeros(PADDING, dtype=np.uint8)])
-            part = _part(found, rest)
-            self._read(Payloads(data, start[rest] - begin, length[rest]), part)
-            found.values[:, rest], found.sure[rest] = part.values, part.sure
-            if found.stamp_ns is not None and part.stamp_ns is not None:
-                found.stamp_ns[rest] = part.stamp_ns
+        if not there.all():
+            rows = np.flatnonzero(there)
+            if len(rows):
+                part = _part(found, rows)
+                self._read(Payloads(payloads.data, start[rows], length[rows]), part)
+                found.values[:, rows], found.sure[rows] = part.values, part.sure
+                if found.stamp_ns is not None and part.stamp_ns is not None:
+                    found.stamp_ns[rows] = part.stamp_ns
+        elif n:
+            self._read(payloads, found)
         return found
 
     def _read(self, payloads: Payloads, found: Decoded) -> None:
+        first, last = int(payloads.start.min()), int((payloads.start + payloads.length).max())
+        if last > len(payloads.data) - PADDING:
+            # A copy with room behind takes less time than reading what stands last by itself.
+            data = np.concatenate([payloads.data[first:last], np.zeros(PADDING, dtype=np.uint8)])
+            payloads = Payloads(data, payloads.start - first, payloads.length)
         root = self._plan.messages[self._plan.root]
         cursor = _Cursor(self._plan, payloads, found)
         cursor.message(root, self._plan.want, payloads.start, payloads.start + payloads.length, None, 0)
@@ -107,7 +110,19 @@ class _Cursor:
         pos = start.copy()
         head, open_ = self._reads.at(plan.head, pos), pos < end
         seen: dict[str, NDArray[np.bool_]] = {}
-        for field in plan.fields:
+        ahead = iter(enumerate(plan.fields))
+        for number, field in ahead:
+            run = plan.runs.get(number)
+            after = None if run is None else self._run(run, want, pos, end, rows)
+            if run is not None and after is not None:
+                for one in run.fields:
+                    omitted.pop(one.number, None)
+                for _ in run.fields[1:]:
+                    next(ahead)
+                pos, head, open_ = after, self._reads.at(plan.head, after), after < end
+                if not (plan.needs_all or open_.any()):
+                    break
+                continue
             hit = _holds(head, plan.head, field) & open_
             count = np.count_nonzero(hit)
             if field.required and count < len(pos):
@@ -138,6 +153,25 @@ class _Cursor:
             self._columns.put_defaults(left_out, rows)
         if want.time is not None:
             self._doubt(self._columns.put_time(want, rows), rows)
+
+    def _run(self, run: FixedRun, want: Want, pos: Positions, end: Positions, rows: Rows) -> Positions | None:
+        """Read fields of fixed size in one go; None, and nothing done, where a message lacks one of them."""
+        after = pos + run.span
+        if (after > end).any():
+            return None
+        records = self._reads.records(pos, run.span)
+
+        def column(kind: np.dtype[Any], offset: int) -> NDArray[Any]:
+            return np.ndarray((len(pos),), kind, buffer=records, offset=offset, strides=(run.span,))
+
+        for field, offset in zip(run.fields, run.offsets, strict=True):
+            if (column(np.dtype(f"<u{field.tag_bytes}"), offset) != field.tag).any():
+                return None
+        for field, offset in zip(run.fields, run.offsets, strict=True):
+            below = want.fields.get(field.number, _NOTHING)
+            if below is not _NOTHING:
+                self._columns.put(below, column(FIXED[field.kind], offset + field.tag_bytes), rows)
+        return after
 
     def _field(self, field: FieldPlan, want: Want, pos: Positions, end: Positions, rows: Rows, depth: int) -> Positions:
         """Read one field, its first tag behind; return the positions after it, all of its occurrences included."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from functools import cached_property
 from graphlib import TopologicalSorter
+from itertools import accumulate, groupby
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,32 @@ class MessagePlan:
     def needs_all(self) -> bool:
         """Whether a message without a certain field is not complete."""
         return any(f.required for f in self.fields)
+
+    @cached_property
+    def runs(self) -> dict[int, "FixedRun"]:
+        """Runs of at least two fields of fixed size, one after the other, by the place of the first in `fields`."""
+        found: dict[int, FixedRun] = {}
+        first = 0
+        for fixed, group in groupby(self.fields, key=_takes_fixed_bytes):
+            fields = tuple(group)
+            if fixed and len(fields) > 1:
+                sizes = [f.tag_bytes + FIXED[f.kind].itemsize for f in fields]
+                found[first] = FixedRun(fields, tuple(accumulate(sizes, initial=0))[:-1], sum(sizes))
+            first += len(fields)
+        return found
+
+
+@dataclass(frozen=True)
+class FixedRun:
+    """Fields of fixed size that lie side by side where none is left out: their `offsets`, and the `span` of all."""
+
+    fields: tuple[FieldPlan, ...]
+    offsets: tuple[int, ...]
+    span: int
+
+
+def _takes_fixed_bytes(field: FieldPlan) -> bool:
+    return field.kind in FIXED and not field.repeated and not field.oneof and field.tag_bytes <= 2
 
 
 def message_plans(schema_name: str, schema: bytes) -> dict[str, MessagePlan]:

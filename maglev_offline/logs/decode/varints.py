@@ -36,6 +36,10 @@ class Reads:
         found: NDArray[Any] = view[pos]
         return found
 
+    def records(self, pos: Positions, span: int) -> NDArray[np.void]:
+        """The `span` bytes [n] at each position [n], all of which lie in the buffer: one gather for many fields."""
+        return self.at(np.dtype((np.void, span)), pos)
+
     def varint(self, pos: Positions) -> tuple[NDArray[np.uint64], Positions, NDArray[np.bool_] | None]:
         """The 64-bit value [n] at each position, the position after it, and where there is no varint (or None)."""
         first = self._data[pos]
