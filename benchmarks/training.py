@@ -374,6 +374,7 @@ def options(arguments: list[str] | None) -> argparse.Namespace:
         "--study-steps", type=int, help="steps of a run in the longer part of the study; 0 leaves it out"
     )
     parser.add_argument("--algorithms", nargs="+", choices=ALGORITHMS, default=list(ALGORITHMS))
+    parser.add_argument("--only", nargs="+", default=[""], help="contenders by the beginning of their names")
     parser.add_argument("--rounds", type=int, help="how often each contender runs, in turn with the others")
     parser.add_argument("--peer-python", default=sys.executable, help="an interpreter with the peers in it")
     parser.add_argument("--json", type=Path, help="write everything to this file as well")
@@ -400,13 +401,14 @@ def main(arguments: list[str] | None = None) -> int:
     runner, isas = Runner(chosen.peer_python), instruction_sets()
     about = machine()
     peak_flops = peak_of_core(runner, chosen.rounds)
-    field = contenders(isas, chosen.steps, chosen.peer_steps)
+    everyone = contenders(isas, chosen.steps, chosen.peer_steps)
+    field = [one for one in everyone if one.title.startswith(tuple(chosen.only))]
     rows = with_ratios(measure(runner, field, chosen.algorithms, chosen.rounds), peak_flops)
-    scaled: Row | str = "the native engine is not there"
-    study: Row | str = "left out" if isas else scaled
-    if isas:
+    scaled: Row | str = "left out" if isas else "the native engine is not there"
+    study: Row | str = scaled
+    if isas and NATIVE in {one.name for one in field}:
         scaled = scale(runner, isas[-1], chosen.steps, chosen.rounds)
-    if isas and chosen.study_steps:
+    if not isinstance(scaled, str) and chosen.study_steps:
         parts = (max(1, chosen.study_steps // 5), chosen.study_steps)
         study = extrapolate(runner, parts, 1 if chosen.quick else chosen.rounds)
     about |= all_versions(rows)

@@ -22,7 +22,7 @@ def test_a_worker_whose_command_is_gone_stops(tmp_path):
         FileTicker(tmp_path / "ticks", gone)(1)
 
 
-@pytest.mark.parametrize("owner", [os.getpid(), os.getppid()])
+@pytest.mark.parametrize("owner", [os.getpid(), os.getppid()], ids=["itself", "parent"])
 def test_a_command_and_its_worker_count(tmp_path, owner):
     FileTicker(tmp_path / "ticks", owner)(1)
     assert (tmp_path / "ticks").stat().st_size == 8

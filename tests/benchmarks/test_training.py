@@ -170,7 +170,21 @@ def test_a_peer_that_is_not_installed_or_does_other_work_is_named(tmp_path):
 
 def test_it_prints_a_table_and_writes_everything(tmp_path):
     command = [sys.executable, "-W", "error", str(FOLDER / "training.py"), "--steps", "200", "--peer-steps", "100"]
-    command += ["--rounds", "1", "--study-steps", "0", "--algorithms", "td3", "--json", str(tmp_path / "out.json")]
+    command += [
+        "--rounds",
+        "1",
+        "--study-steps",
+        "0",
+        "--algorithms",
+        "td3",
+        "--only",
+        "torch",
+        "CleanRL",
+        "env",
+        "sbx",
+        "--json",
+        str(tmp_path / "out.json"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
