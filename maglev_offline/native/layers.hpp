@@ -14,11 +14,32 @@ template <int N> constexpr int tile_rows = lanes == 16 ? (N > 3 ? 4 : 5) : (N > 
 // The vectors of a row are worked off in panels of at most five, none of them much narrower than it must be.
 constexpr int panel_of(int left) { return left <= 5 ? left : left == 6 ? 3 : left == 7 ? 4 : 5; }
 
+template <int N> struct Panel {
+    static constexpr int vectors = N;
+};
+
+// Call `work(Panel, at)` for the panels of a row of `width` floats, `at` being where each begins.
+template <class Work>
+MAGLEV_INLINE void in_panels(int width, const Work& work) {
+    for (int at = 0; at < width;) {
+        const int vectors = panel_of((width - at) / lanes);
+        switch (vectors) {
+            case 1: work(Panel<1>{}, at); break;
+            case 2: work(Panel<2>{}, at); break;
+            case 3: work(Panel<3>{}, at); break;
+            case 4: work(Panel<4>{}, at); break;
+            case 5: work(Panel<5>{}, at); break;
+        }
+        at += vectors * lanes;
+    }
+}
+
 enum class After { nothing, relu, normalised_relu, masked };
 
 // A frozen batch norm, for `normalised_relu`.
 struct Frozen {
     const float *mean, *scale, *shift;
+    Frozen from(int at) const { return mean ? Frozen{mean + at, scale + at, shift + at} : *this; }
 };
 
 template <After after, int R, int N>
@@ -61,7 +82,7 @@ MAGLEV_INLINE void dense_tile(
 }
 
 template <After after, int N>
-static void dense_panel(
+static __attribute__((noinline)) void dense_panel(
     int rows, const float* in, int in_stride, int inputs, const float* w, int w_stride, const float* bias, float* out,
     int out_stride, Frozen norm) {
     constexpr int R = tile_rows<N>;
@@ -76,23 +97,10 @@ template <After after>
 static void dense(
     int rows, const float* in, int in_stride, int inputs, const float* w, int width, const float* bias, float* out,
     int out_stride, Frozen norm = {nullptr, nullptr, nullptr}) {
-    const int stride = width;
-    for (int left = width / lanes; left > 0;) {
-        const int panel = panel_of(left);
-#define MAGLEV_PANEL(N) \
-    case N: dense_panel<after, N>(rows, in, in_stride, inputs, w, stride, bias, out, out_stride, norm); break
-        switch (panel) {
-            MAGLEV_PANEL(1);
-            MAGLEV_PANEL(2);
-            MAGLEV_PANEL(3);
-            MAGLEV_PANEL(4);
-            MAGLEV_PANEL(5);
-        }
-#undef MAGLEV_PANEL
-        const int done = panel * lanes;
-        left -= panel, w += done, out += done, bias = bias ? bias + done : bias;
-        if (after == After::normalised_relu) norm.mean += done, norm.scale += done, norm.shift += done;
-    }
+    in_panels(width, [&](auto panel, int at) {
+        dense_panel<after, decltype(panel)::vectors>(
+            rows, in, in_stride, inputs, w + at, width, bias ? bias + at : nullptr, out + at, out_stride, norm.from(at));
+    });
 }
 
 // out[row, :] = in[row, :inputs] w where out was active, and 0 elsewhere: slopes take the place of activations.
@@ -128,7 +136,7 @@ MAGLEV_INLINE void outer_tile(
 }
 
 template <int N>
-static void outer_panel(
+static __attribute__((noinline)) void outer_panel(
     int rows, const float* in, int in_stride, int inputs, const float* d, int d_stride, float* gradient, int stride) {
     constexpr int K = tile_rows<N>;
     int k = 0;
@@ -140,21 +148,9 @@ static void outer_panel(
 // gradient[k, :] += sum over the rows of in[row, k] d[row, :], for `width` columns.
 static void add_outer(
     int rows, const float* in, int in_stride, int inputs, const float* d, int d_stride, float* gradient, int width) {
-    const int stride = width;
-    for (int left = width / lanes; left > 0;) {
-        const int panel = panel_of(left);
-#define MAGLEV_PANEL(N) \
-    case N: outer_panel<N>(rows, in, in_stride, inputs, d, d_stride, gradient, stride); break
-        switch (panel) {
-            MAGLEV_PANEL(1);
-            MAGLEV_PANEL(2);
-            MAGLEV_PANEL(3);
-            MAGLEV_PANEL(4);
-            MAGLEV_PANEL(5);
-        }
-#undef MAGLEV_PANEL
-        left -= panel, d += panel * lanes, gradient += panel * lanes;
-    }
+    in_panels(width, [&](auto panel, int at) {
+        outer_panel<decltype(panel)::vectors>(rows, in, in_stride, inputs, d + at, d_stride, gradient + at, width);
+    });
 }
 
 // A sum over features in 16 partial sums, whatever the vector: then 16 -> 8 -> 4, and 4 -> 1 as (0 + 1) + (2 + 3).
@@ -189,10 +185,10 @@ MAGLEV_INLINE float one(const Sum& sum) {
 }
 
 MAGLEV_INLINE void transpose_4(V4& a, V4& b, V4& c, V4& d) {
-    const V4 ab = {a[0], b[0], a[1], b[1]}, cd = {c[0], d[0], c[1], d[1]};
-    const V4 AB = {a[2], b[2], a[3], b[3]}, CD = {c[2], d[2], c[3], d[3]};
-    a = V4{ab[0], ab[1], cd[0], cd[1]}, b = V4{ab[2], ab[3], cd[2], cd[3]};
-    c = V4{AB[0], AB[1], CD[0], CD[1]}, d = V4{AB[2], AB[3], CD[2], CD[3]};
+    const V4 ab = MAGLEV_PICK(a, b, 0, 4, 1, 5), cd = MAGLEV_PICK(c, d, 0, 4, 1, 5);
+    const V4 AB = MAGLEV_PICK(a, b, 2, 6, 3, 7), CD = MAGLEV_PICK(c, d, 2, 6, 3, 7);
+    a = MAGLEV_PICK(ab, cd, 0, 1, 4, 5), b = MAGLEV_PICK(ab, cd, 2, 3, 6, 7);
+    c = MAGLEV_PICK(AB, CD, 0, 1, 4, 5), d = MAGLEV_PICK(AB, CD, 2, 3, 6, 7);
 }
 
 // Products of R rows with w, as four sums each.

@@ -73,8 +73,8 @@ struct Taker {
     }
 };
 
-// Rows of a batch that are taken forward and back at once: activations and their slopes then stay in the first cache.
-constexpr std::int64_t rows_at_once = 20;
+// Rows of a batch that are taken forward and back at once, so that a large batch does not leave the nearest caches.
+constexpr std::int64_t rows_at_once = 100;
 
 // Everything that does not outlive a step; offsets in floats from the start of an arena.
 struct Scratch {

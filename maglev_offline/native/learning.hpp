@@ -1,7 +1,7 @@
 // One gradient step of DDPG or TD3 on a gathered batch: agents/ddpg.py and agents/td3.py.
 //
-// Rows go forward and back in groups of `rows_at_once`, so that a group's activations never leave the first cache; only
-// a batch norm, and the scale of the cloning term, must see the whole batch before the first slope.
+// Rows go forward and back in groups of `rows_at_once`; only a batch norm, and the scale of the cloning term, must see
+// the whole batch before the first slope.
 #pragma once
 #include <cmath>
 

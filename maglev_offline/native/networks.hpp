@@ -19,7 +19,7 @@ struct Widths {
 };
 
 // Where one pass through some rows keeps its activations (h), normalised inputs (n) and 1/sd (r). On the way back
-// slopes take the place of the activations that they belong to, so that all of it stays in the first cache.
+// slopes take the place of the activations that they belong to: half the memory to go through.
 struct Pass {
     float *h1, *h2, *n1, *n2, *r1, *r2;
 };
@@ -44,25 +44,35 @@ static void critic_forward(
     dot_rows(rows, to.h2, w.s2, p + net.w3, w.s2, p[net.b3], q);
 }
 
+template <int N>
+static void output_panel(int rows, float* h2, int stride, const float* d, const float* weight, float* gradient) {
+    V w[N], sum[N];
+    MAGLEV_UNROLL
+    for (int n = 0; n < N; ++n) w[n] = load(weight + n * lanes), sum[n] = load(gradient + n * lanes);
+#pragma GCC unroll 2
+    for (int r = 0; r < rows; ++r) {
+        const V slope = splat(d[r]);
+        MAGLEV_UNROLL
+        for (int n = 0; n < N; ++n) {
+            float* const place = h2 + r * stride + n * lanes;
+            const V h = load(place);
+            sum[n] += slope * h;
+            store(place, h > 0.0f ? slope * w[n] : V{});
+        }
+    }
+    MAGLEV_UNROLL
+    for (int n = 0; n < N; ++n) store(gradient + n * lanes, sum[n]);
+}
+
 // h2 becomes d w3 where it is active; adds the gradients of the last layer.
 static void output_backward(
     const Widths& w, const Net& net, const float* p, float* gradient, int rows, float* h2, const float* d) {
     float bias = 0.0f;
     for (int r = 0; r < rows; ++r) bias += d[r];
     gradient[net.b3] += bias;
-    for (int at = 0; at < w.s2; at += lanes) {
-        const V weight = load(p + net.w3 + at);
-        V even = load(gradient + net.w3 + at), odd = {};
-        const auto take = [&](int r, V& sum) {
-            const V slope = splat(d[r]), h = load(h2 + r * w.s2 + at);
-            sum += slope * h;
-            store(h2 + r * w.s2 + at, h > 0.0f ? slope * weight : V{});
-        };
-        int r = 0;
-        for (; r + 2 <= rows; r += 2) take(r, even), take(r + 1, odd);
-        if (r < rows) take(r, even);
-        store(gradient + net.w3 + at, even + odd);
-    }
+    in_panels(w.s2, [&](auto panel, int at) {
+        output_panel<decltype(panel)::vectors>(rows, h2 + at, w.s2, d, p + net.w3 + at, gradient + net.w3 + at);
+    });
 }
 
 // Add the gradients that the slopes d[row] of the values leave in the parameters, after `critic_forward`.

@@ -8,12 +8,19 @@
 #define MAGLEV_INLINE static inline __attribute__((always_inline))
 #define MAGLEV_UNROLL _Pragma("GCC unroll 16")
 
+#if defined(__clang__) || __GNUC__ >= 12
+#define MAGLEV_PICK(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define MAGLEV_PICK(a, b, ...) __builtin_shuffle(a, b, I4{__VA_ARGS__})
+#endif
+
 namespace maglev::MAGLEV_ISA {
 
 constexpr int lanes = LANES;
 constexpr int parts = 16 / LANES;
 typedef float V __attribute__((vector_size(4 * LANES), aligned(4 * LANES), may_alias));
 typedef std::int32_t I __attribute__((vector_size(4 * LANES), aligned(4 * LANES), may_alias));
+typedef std::int32_t I4 __attribute__((vector_size(16), aligned(16)));
 typedef float V4 __attribute__((vector_size(16), aligned(16), may_alias));
 
 MAGLEV_INLINE V load(const float* p) { return *reinterpret_cast<const V*>(p); }
