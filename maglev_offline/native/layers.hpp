@@ -82,7 +82,7 @@ MAGLEV_INLINE void dense_tile(
 }
 
 template <After after, int N>
-static __attribute__((noinline)) void dense_panel(
+MAGLEV_CALL void dense_panel(
     int rows, const float* in, int in_stride, int inputs, const float* w, int w_stride, const float* bias, float* out,
     int out_stride, Frozen norm) {
     constexpr int R = tile_rows<N>;
@@ -99,7 +99,8 @@ static void dense(
     int out_stride, Frozen norm = {nullptr, nullptr, nullptr}) {
     in_panels(width, [&](auto panel, int at) {
         dense_panel<after, decltype(panel)::vectors>(
-            rows, in, in_stride, inputs, w + at, width, bias ? bias + at : nullptr, out + at, out_stride, norm.from(at));
+            rows, in, in_stride, inputs, w + at, width, bias ? bias + at : nullptr, out + at, out_stride,
+            norm.from(at));
     });
 }
 
@@ -136,7 +137,7 @@ MAGLEV_INLINE void outer_tile(
 }
 
 template <int N>
-static __attribute__((noinline)) void outer_panel(
+MAGLEV_CALL void outer_panel(
     int rows, const float* in, int in_stride, int inputs, const float* d, int d_stride, float* gradient, int stride) {
     constexpr int K = tile_rows<N>;
     int k = 0;

@@ -45,7 +45,7 @@ static void critic_forward(
 }
 
 template <int N>
-static void output_panel(int rows, float* h2, int stride, const float* d, const float* weight, float* gradient) {
+MAGLEV_CALL void output_panel(int rows, float* h2, int stride, const float* d, const float* weight, float* gradient) {
     V w[N], sum[N];
     MAGLEV_UNROLL
     for (int n = 0; n < N; ++n) w[n] = load(weight + n * lanes), sum[n] = load(gradient + n * lanes);
