@@ -105,6 +105,9 @@ def make_learner(
     threads: int = 1,
 ) -> Learner:
     """Start a block of seeds; `prefill`: packed rows [n, WIDTH]. `threads` are used by the native engine only."""
+    import torch
+
+    torch.set_num_threads(1)  # small matrices, in watching the native engine too: threads get into each other's way
     if engine == "native":
         from maglev_offline.agents.native import NativeLearner
 

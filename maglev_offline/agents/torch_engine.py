@@ -60,7 +60,6 @@ class TorchLearner:
         prefill: NDArray[np.float32] | None = None,
         device: str = "cpu",
     ) -> None:
-        torch.set_num_threads(1)  # small matrices: threads only get into each other's way
         self.plant, self.mdp, self.settings, self.device = plant, mdp, settings, device
         self.seeds = len(seeds)
         block = seeds + [seeds[-1]] * (settings.block - len(seeds))
