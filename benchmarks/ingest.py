@@ -6,8 +6,6 @@ Exits with 1 where two readers disagree about a log and, with `--quick`, where a
 
 import argparse
 import json
-import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -15,12 +13,12 @@ import tempfile
 import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import processes
 from ingest_logs import ENCODINGS, write_log
 from ingest_peers import FLOOR, MCAP, MCAP_DEFAULT, MCAP_PARQUET, OURS, OURS_INGEST, RERUN, ROSBAGS
-
-Row = dict[str, Any]
+from processes import Row, run_alone
 
 PEERS = Path(__file__).with_name("ingest_peers.py")
 WARM_UP_MESSAGES = 6000
@@ -81,19 +79,8 @@ class Runner(NamedTuple):
         python = self.peer_python if name in (ROSBAGS, RERUN) else sys.executable
         log, warm_up = self.log(encoding, messages), self.log(encoding, WARM_UP_MESSAGES)
         command = [python, str(PEERS), name, str(log), "--warm-up", str(warm_up)]
-        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, env=os.environ | threads, timeout=LONGEST_S, check=False
-            )
-        except subprocess.TimeoutExpired:
-            return f"still at it after {LONGEST_S} s"
-        if done.returncode == 3:
-            return f"not installed ({done.stderr.strip()})"
-        if done.returncode != 0:
-            return (done.stderr.strip().splitlines() or ["no message"])[-1]
-        found: Row = json.loads(done.stdout.splitlines()[-1])
-        if found["messages"] != messages:
+        found = run_alone(command, LONGEST_S)
+        if not isinstance(found, str) and found["messages"] != messages:
             return f"{found['messages']:,} of {messages:,} messages"
         return found
 
@@ -211,15 +198,9 @@ def missed_growth(rows: list[Row]) -> list[str]:
 
 def machine(peer_python: str) -> dict[str, str]:
     """Return the processor and the versions that the numbers depend on."""
-    cpu, info = platform.processor(), Path("/proc/cpuinfo")
-    if info.exists():
-        names = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line[:10] == "model name"]
-        cpu = names[0] if names else cpu
     own = ("maglev-offline", "mcap", "mcap-ros2-support", "mcap-protobuf-support", "numpy", "pyarrow", "zstandard")
     return {
-        "cpu": f"{cpu}, {os.cpu_count()} cores",
-        "system": platform.platform(terse=True),
-        "python": platform.python_version(),
+        **processes.machine(),
         **{name: _version(name, sys.executable) for name in own},
         **{name: _version(name, peer_python) for name in ("rosbags", "rerun-sdk")},
     }

@@ -12,7 +12,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VEC
 
 import argparse
 import json
-import platform
 import statistics
 import sys
 import time
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import processes
 import torch
 from contenders import Array, Simulate, Task, batch, ivp_one_by_one, ivp_one_system, one_env, raw
 
@@ -163,14 +163,10 @@ def missed_floors(rows: list[Row]) -> list[str]:
 
 def machine() -> dict[str, str]:
     """Return the processor and the versions that the numbers depend on."""
-    cpu, info = platform.processor(), Path("/proc/cpuinfo")
-    if info.exists():
-        names = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line[:10] == "model name"]
-        cpu = names[0] if names else cpu
+    found = processes.machine()
     return {
-        "cpu": f"{cpu}, {os.cpu_count()} cores, one thread used",
-        "system": platform.platform(terse=True),
-        "python": platform.python_version(),
+        **found,
+        "cpu": f"{found['cpu']}, one thread used",
         **{name: version(name) for name in ("maglev-offline", "numpy", "scipy", "torch", "gymnasium")},
     }
 

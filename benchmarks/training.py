@@ -7,14 +7,14 @@ Exits with 1 where someone does not do the work that is compared and, with `--qu
 import argparse
 import json
 import os
-import platform
 import statistics
-import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import processes
+from processes import Row, run_alone
 from training_peers import (
     BATCH,
     ENVIRONMENT,
@@ -31,8 +31,6 @@ from training_peers import (
     TORCH,
     TORCH_SEEDS,
 )
-
-Row = dict[str, Any]
 
 ROOT = Path(__file__).parents[1]
 PEERS = Path(__file__).with_name("training_peers.py")
@@ -80,18 +78,9 @@ class Runner(NamedTuple):
         command += ["--warm-up", str(min(one.steps, WARM_UP_STEPS))]
         path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         extra = {"PYTHONPATH": path, **({ISA_VARIABLE: one.isa} if one.isa else {})}
-        extra |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-        try:
-            done = subprocess.run(
-                command, capture_output=True, text=True, env=os.environ | extra, timeout=LONGEST_S, check=False
-            )
-        except subprocess.TimeoutExpired:
-            return f"still at it after {LONGEST_S} s"
-        if done.returncode == 3:
-            return f"not installed ({done.stderr.strip()})"
-        if done.returncode != 0:
-            return (done.stderr.strip().splitlines() or ["no message"])[-1]
-        found: Row = json.loads(done.stdout.splitlines()[-1])
+        found = run_alone(command, LONGEST_S, extra)
+        if isinstance(found, str):
+            return found
         wanted = 0 if one.name == ENVIRONMENT else one.steps
         if one.name != PEAK and found["updates"] != wanted:
             return f"{found['updates']:,} gradient steps instead of {wanted:,}"
@@ -275,17 +264,8 @@ def instruction_sets() -> list[str]:
 
 def machine() -> dict[str, str]:
     """Return the processor and the system that the numbers depend on."""
-    cpu, info = platform.processor(), Path("/proc/cpuinfo")
-    if info.exists():
-        names = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line[:10] == "model name"]
-        cpu = names[0] if names else cpu
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
-    return {
-        "cpu": f"{cpu}, {os.cpu_count()} cores",
-        "system": platform.platform(terse=True),
-        "python": platform.python_version(),
-        "load average at the start": load,
-    }
+    return {**processes.machine(), "load average at the start": load}
 
 
 def all_versions(rows: list[Row]) -> dict[str, str]:
