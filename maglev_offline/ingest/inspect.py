@@ -148,13 +148,13 @@ def _log_times(part: Part) -> tuple[dict[str, NDArray[np.int64]], list[Damage]]:
     headers = {channel.topic: TopicWanted(()) for channel in part.info.channels}
     found: dict[str, list[NDArray[np.int64]]] = {topic: [] for topic in headers}
     damages: list[Damage] = []
-    with open_source(part.where) as source:
+    with open_source(part.where) as source, Files() as files:
         for spans in runs(part.structure):
             read = read_run(source, part.structure, spans, headers)
             damages += read.damages
             for slab, _ in read.slabs:
                 for topic, times in found.items():
-                    cut = slab.cut(topic, Files())
+                    cut = slab.cut(topic, files)
                     if cut is not None:
                         times.append(cut[0].integers[LOG_TIME, cut[1] : cut[2]])
     nothing = np.empty(0, dtype=np.int64)

@@ -13,6 +13,9 @@ from maglev_offline.logs.columns import ChannelColumns
 from maglev_offline.logs.mapping import TopicPlan, to_si
 from maglev_offline.logs.signals import UNIT_OF_SIGNAL, SignalMap
 
+Broken = tuple[str, dict[str, NDArray[np.bool_]]]
+"""A rule's code, and the messages that break it by the name of what is wrong in them, each of shape [n]."""
+
 
 @dataclass(frozen=True)
 class CleanTopic:
@@ -69,7 +72,13 @@ def clean(
     for name, signal in plan.signals.items():
         values[name], outside[name] = to_si(name, signal, columns.values[signal.field])
     aside = _Aside(plan, times, place)
-    left = _usable(columns, values, outside, signal_map.clock_field or "", chosen, aside)
+    broken: list[Broken] = [
+        (rules.NOT_DECODABLE, {"": ~columns.decoded}),
+        (rules.NO_STAMP, {signal_map.clock_field or "": rules.no_stamp(times)}),
+        (rules.NOT_FINITE, rules.not_finite(values)),
+        (rules.OUT_OF_RANGE, outside),
+    ]
+    left = _usable(len(columns), broken, chosen, aside)
 
     whole = bool(left.all())
     kept = np.arange(len(columns)) if whole else np.flatnonzero(left)
@@ -118,31 +127,14 @@ class _Aside:
                 Quarantined("message", code, self._times[rows], self._place[rows], topic, point, detail)
             )
 
-    @property
-    def no_time(self) -> NDArray[np.bool_]:
-        """Messages without a time."""
-        return rules.no_stamp(self._times)
 
-
-def _usable(
-    columns: ChannelColumns,
-    values: dict[str, NDArray[np.float64]],
-    outside: dict[str, NDArray[np.bool_]],
-    stamp: str,
-    chosen: Chosen | None,
-    aside: _Aside,
-) -> NDArray[np.bool_]:
+def _usable(n: int, broken: list[Broken], chosen: Chosen | None, aside: _Aside) -> NDArray[np.bool_]:
     """Messages that are asked for and hold what they should, shape [n]; the first rule that is broken counts."""
-    left = np.ones(len(columns), dtype=np.bool_)
+    left = np.ones(n, dtype=np.bool_)
     if chosen is not None and not chosen.keep.all():
         aside.put(np.flatnonzero(~chosen.keep), chosen.code, chosen.detail)
         left = chosen.keep.copy()
-    for code, masks in (
-        (rules.NOT_DECODABLE, {"": ~columns.decoded}),
-        (rules.NO_STAMP, {stamp: aside.no_time}),
-        (rules.NOT_FINITE, rules.not_finite(values)),
-        (rules.OUT_OF_RANGE, outside),
-    ):
+    for code, masks in broken:
         if any(mask.any() for mask in masks.values()):
             found = np.flatnonzero(left & np.logical_or.reduce(list(masks.values())))
             aside.put(found, code, rules.named({name: mask[found] for name, mask in masks.items()}, len(found)))
