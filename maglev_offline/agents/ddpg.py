@@ -2,11 +2,12 @@
 
 Each gradient step, with a batch of transitions (s, u, c, s', d) of every seed, where d is the discount:
 
-    y      =  c + d Q'(s', pi'(s'))                              (1)  target, from the slow copies
-    phi   <-  Adam down  mean (Q(s, u) - y)^2                    (2)  critic
-    theta <-  Adam down  mean Q(s, pi(s))                        (3)  actor: down the cost
+    y      =  h(c + d h^-1(Z'(s', pi'(s'))))                     (1)  target, from the slow copies
+    phi   <-  Adam down  mean (Z(s, u) - y)^2                    (2)  critic
+    theta <-  Adam down  mean Z(s, pi(s))                        (3)  actor: down the cost
     phi'  <-  tau phi + (1 - tau) phi',  theta' likewise         (4)  slow copies follow
 
+The critic is Z = h(Q), the root of the cost-to-go (`roots.py`); in the paper h is the identity, and Z is Q.
 Losses are summed over the seeds: no seed's gradient touches another seed's parameters.
 """
 
@@ -16,6 +17,7 @@ from torch import Tensor
 from maglev_offline.agents import networks
 from maglev_offline.agents.adam import Adam
 from maglev_offline.agents.networks import Network
+from maglev_offline.agents.roots import from_root, to_root
 from maglev_offline.agents.settings import TrainingSettings
 from maglev_offline.replay.buffer import Batch
 from maglev_offline.streams import stream
@@ -36,34 +38,47 @@ class Ddpg:
         with torch.no_grad():
             next_action = networks.act(self.slow_actor, batch.next_observation)
             slow_value = networks.value(self.slow_critic, batch.next_observation, next_action)
-            target = batch.cost + batch.discount * slow_value  # (1)
+            target = bootstrap(batch, slow_value, self.settings)  # (1)
 
         error = networks.value(self.critic, batch.observation, batch.action) - target
         self.critic_adam.descend(error.square().mean(-2).sum())  # (2)
 
-        loss = actor_loss(self.actor, networks.member(self.critic, 0), batch, self.settings.cloning_weight)
+        loss = actor_loss(self.actor, networks.member(self.critic, 0), batch, self.settings)
         self.actor_adam.descend(loss)  # (3)
 
         networks.track(self.slow_critic, self.critic, self.settings.target_rate)  # (4)
         networks.track(self.slow_actor, self.actor, self.settings.target_rate)
 
 
-def actor_loss(actor: Network, critic: Network, batch: Batch, cloning_weight: float) -> Tensor:
-    """What the actor goes down, summed over the seeds: mean Q(s, pi(s)), and a pull to logged actions if asked for.
+def bootstrap(batch: Batch, slow_value: Tensor, settings: TrainingSettings) -> Tensor:
+    """h(c + d h^-1(Z')): the targets of a batch, from what the slow critics say of its next states."""
+    offset = settings.critic_root_offset
+    return to_root(batch.cost + batch.discount * from_root(slow_value, offset), offset)
 
-    With a weight w > 0, after TD3+BC (Fujimoto & Gu, 2021, eqs. 3 and 5), where the sum runs over prefilled rows alone:
 
-        mean Q(s, pi(s)) / mean |Q(s, pi(s))|  +  w / rows  sum (pi(s) - u)^2
+def actor_loss(actor: Network, critic: Network, batch: Batch, settings: TrainingSettings) -> Tensor:
+    """What the actor goes down, summed over the seeds: mean Z(s, pi(s)), and two pulls if asked for.
+
+    Where pi = tanh(x) saturates it has no gradient, and a policy that did so everywhere would stay so: beyond |x| = 3
+    the actor is pulled back, as Andrychowicz et al. (2017, App. A) do with all of x:
+
+        + v mean max(|x| - 3, 0)^2                                       v: `saturation_weight`
+
+    To logged actions, after TD3+BC (Fujimoto & Gu, 2021, eqs. 3 and 5), where the sum runs over prefilled rows alone:
+
+        mean Z(s, pi(s)) / mean |Z(s, pi(s))|  +  w / rows  sum (pi(s) - u)^2    w: `cloning_weight`
     """
-    policy = networks.act(actor, batch.observation, training=True)
-    cost_to_go = networks.value(critic, batch.observation, policy)
-    if not cloning_weight:
-        return cost_to_go.mean(-2).sum()
-    scaled = cost_to_go.mean(-2) / cost_to_go.detach().abs().mean(-2)
+    x = networks.argument(actor, batch.observation, training=True)
+    policy = torch.tanh(x)
+    value = networks.value(critic, batch.observation, policy)
+    saturation = settings.saturation_weight * (x.abs() - networks.SATURATED).relu().square().mean(-2)
+    if not settings.cloning_weight:
+        return (value.mean(-2) + saturation).sum()
+    scaled = value.mean(-2) / value.detach().abs().mean(-2)
     if batch.prefilled is None:
-        return scaled.sum()
+        return (scaled + saturation).sum()
     away = (batch.prefilled * (policy - batch.action).square()).mean(-2)
-    return (scaled + cloning_weight * away).sum()
+    return (scaled + settings.cloning_weight * away + saturation).sum()
 
 
 def initial_networks(

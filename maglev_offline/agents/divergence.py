@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from maglev_offline import mdp as process
 from maglev_offline.agents import networks
 from maglev_offline.agents.engine import Nets
+from maglev_offline.agents.roots import from_root
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.dynamics import State
 from maglev_offline.physics.parameters import Plant
@@ -27,10 +28,13 @@ def largest_value(plant: Plant, mdp: Mdp) -> float:
     return float((mdp.plant_steps_per_decision * stage + mdp.contact_penalty) / (1 - mdp.discount))
 
 
-def diverged(actors: Nets, critics: Nets, plant: Plant, mdp: Mdp, gaps_m: Array) -> NDArray[np.bool_]:
+def diverged(
+    actors: Nets, critics: Nets, plant: Plant, mdp: Mdp, gaps_m: Array, root_offset: float
+) -> NDArray[np.bool_]:
     """Which seeds have diverged, [seeds], by their networks [seeds, ...] and [critics, seeds, ...].
 
-    The critics are asked at rest at `gaps_m` [n], with the voltage at either limit and at the equilibrium's.
+    The critics are asked at rest at `gaps_m` [n], with the voltage at either limit and at the equilibrium's; what they
+    say is the root of a cost-to-go, with `root_offset` (`roots.py`).
     """
     finite = np.logical_and.reduce([np.isfinite(x).all(axis=tuple(range(1, x.ndim))) for x in actors.values()])
     rest = State(gaps_m, np.zeros_like(gaps_m), np.full_like(gaps_m, plant.equilibrium().current_a))
@@ -38,7 +42,8 @@ def diverged(actors: Nets, critics: Nets, plant: Plant, mdp: Mdp, gaps_m: Array)
     asked = torch.from_numpy(np.tile(seen, (len(TRIED_ACTIONS), 1)))
     actions = torch.from_numpy(np.repeat(TRIED_ACTIONS, len(gaps_m)).astype(np.float32))[:, None]
     with torch.no_grad():
-        value = networks.value({name: torch.from_numpy(x) for name, x in critics.items()}, asked, actions)
+        said = networks.value({name: torch.from_numpy(x) for name, x in critics.items()}, asked, actions)
+    value = from_root(said, root_offset)
     within = (value.abs() <= BEYOND * largest_value(plant, mdp)).numpy().all(axis=(0, 2, 3))
     found: NDArray[np.bool_] = ~(finite & within)
     return found

@@ -205,6 +205,8 @@ def kernel_settings(
         smoothing_std=settings.smoothing_std,
         smoothing_clip=settings.smoothing_clip,
         cloning_weight=settings.cloning_weight,
+        saturation_weight=settings.saturation_weight,
+        critic_root_offset=settings.critic_root_offset,
         prefilled=prefilled,
         room=room,
         prefill_decay_steps=settings.prefill_decay_steps or 0,

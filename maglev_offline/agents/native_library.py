@@ -37,7 +37,7 @@ class KernelSettings(ctypes.Structure):
         i critics hidden_1 hidden_2 batch_norm_actor layer_norm_critic
         i batch smoothing policy_delay n_step exploratory_steps steps hold
         d actor_learning_rate critic_learning_rate final_learning_rate_fraction target_rate
-        d exploration_std smoothing_std smoothing_clip cloning_weight
+        d exploration_std smoothing_std smoothing_clip cloning_weight saturation_weight critic_root_offset
         i prefilled room prefill_decay_steps
         d mixing_share
         d mass_kg resistance_ohm gravity_m_s2 inductance_slope_h_m inductance_offset_h pole_offset_m

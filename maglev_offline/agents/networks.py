@@ -13,6 +13,8 @@ Network = dict[str, Tensor]
 
 BATCH_NORM_EPS = LAYER_NORM_EPS = 1e-5
 BATCH_NORM_MOMENTUM = 0.1
+SATURATED = 3.0
+"""An argument of the tanh beyond which the actor is pulled back: the action is within 0.5 % of its limit there."""
 STATISTICS = ("mean_1", "var_1", "mean_2", "var_2")
 """Running statistics of the batch norm: moved by averaging, never by a gradient."""
 
@@ -97,14 +99,19 @@ def _output(net: Network, h: Tensor) -> Tensor:
     return (h * net["w3"].transpose(-1, -2)).sum(-1, keepdim=True) + net["b3"]
 
 
-def act(net: Network, observation: Tensor, *, training: bool = False) -> Tensor:
-    """pi(s) in [-1, 1]: [..., batch, 3] -> [..., batch, 1].
+def argument(net: Network, observation: Tensor, *, training: bool = False) -> Tensor:
+    """x with pi(s) = tanh(x): [..., batch, 3] -> [..., batch, 1].
 
     `training` normalises by the statistics of this batch and moves the running ones (batch norm only).
     """
     h = _hidden(net, 1, observation, training)
     h = _hidden(net, 2, h, training)
-    return torch.tanh(_output(net, h))
+    return _output(net, h)
+
+
+def act(net: Network, observation: Tensor) -> Tensor:
+    """pi(s) in [-1, 1]: [..., batch, 3] -> [..., batch, 1]."""
+    return torch.tanh(argument(net, observation))
 
 
 def _layer_normed(net: Network, layer: int, h: Tensor) -> Tensor:
@@ -115,7 +122,7 @@ def _layer_normed(net: Network, layer: int, h: Tensor) -> Tensor:
 
 
 def value(net: Network, observation: Tensor, action: Tensor) -> Tensor:
-    """Q(s, a), a cost to be made small: [..., batch, 3] and [..., batch, 1] -> [..., batch, 1]."""
+    """h(Q(s, a)) (`roots.py`), to be made small: [..., batch, 3] and [..., batch, 1] -> [..., batch, 1]."""
     h = torch.matmul(observation, net["w1"]).add_(net["b1"])
     h = torch.relu_(_layer_normed(net, 1, h))
     action = action.expand(*h.shape[:-1], 1)

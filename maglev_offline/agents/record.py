@@ -37,8 +37,11 @@ class Record:
     A seed that diverged is judged like any other and stays in the curves, marked from then on.
     """
 
-    def __init__(self, seeds: list[int], plant: Plant, mdp: Mdp, evaluation: EvaluationSettings) -> None:
+    def __init__(
+        self, seeds: list[int], plant: Plant, mdp: Mdp, evaluation: EvaluationSettings, root_offset: float
+    ) -> None:
         self.seeds, self.plant, self.mdp, self.evaluation = seeds, plant, mdp, evaluation
+        self.root_offset = root_offset
         self.tables: list[pd.DataFrame] = []
         self.best_cost = np.full(len(seeds), np.inf)
         self.best: Nets = {}
@@ -46,9 +49,8 @@ class Record:
 
     def watch(self, learner: Learner) -> None:
         """Mark the seeds that have diverged by now."""
-        found = diverged(
-            learner.actors(), learner.critics(), self.plant, self.mdp, np.array(self.evaluation.start_gaps_m)
-        )
+        starts = np.array(self.evaluation.start_gaps_m)
+        found = diverged(learner.actors(), learner.critics(), self.plant, self.mdp, starts, self.root_offset)
         self.diverged_at[found & (self.diverged_at < 0)] = learner.step
 
     def take(self, learner: Learner) -> pd.DataFrame:

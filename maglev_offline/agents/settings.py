@@ -15,13 +15,16 @@ EngineChoice = Literal["auto", "torch", "native"]
 
 class TrainingSettings(Settings):
     """How an agent learns. One step is one decision, one row in the buffer and, after the exploratory steps, one
-    gradient step. Standard deviations are in actions scaled to [-1, 1]. What the paper gives is in changsha.toml.
+    gradient step. Standard deviations are in actions scaled to [-1, 1]. What the paper gives is in changsha.toml;
+    how the defaults were found is in docs/decisions/0013.
 
     `block`: seeds that are stepped together; a lone seed is padded to a whole block, so that its numbers do not
     depend on its company. `engine`: what does the arithmetic; `auto` takes the native kernel where there is one.
     `n_step`: rewards in a target before it bootstraps. `mixing_share`: share of each batch that comes from the prefill
     (not given: as large as its share of the filled slots); `prefill_decay_steps`: the prefill's weight falls linearly
     to 0 over the first so many steps. `cloning_weight`: pull of the actor to the prefill's actions (TD3+BC).
+    `critic_root_offset`: critics learn the root of the cost-to-go, rounded below so much cost (0: the cost-to-go
+    itself). `saturation_weight`: pull that keeps the actor's tanh from saturating for good.
     `checkpoint_every`: evaluations from one checkpoint of an unfinished block to the next.
     """
 
@@ -39,19 +42,21 @@ class TrainingSettings(Settings):
     actor_last_layer_scale: float = Field(default=0.05, gt=0)
     batch_size: int = Field(default=100, ge=1)
     buffer_capacity: int = Field(default=1_000_000, ge=2)
-    actor_learning_rate: float = Field(default=5e-4, gt=0)
-    critic_learning_rate: float = Field(default=1e-3, gt=0)
+    actor_learning_rate: float = Field(default=2e-3, gt=0)
+    critic_learning_rate: float = Field(default=4e-3, gt=0)
     final_learning_rate_fraction: float = Field(default=0.05, gt=0, le=1)
     target_rate: float = Field(default=0.005, gt=0, le=1)
     exploration_std: float = Field(default=0.2, ge=0)
-    smoothing_std: float = Field(default=0.1, ge=0)
+    smoothing_std: float = Field(default=0.02, ge=0)
     smoothing_clip: float = Field(default=0.5, ge=0)
     policy_delay: int = Field(default=2, ge=1)
     n_step: int = Field(default=1, ge=1)
     mixing_share: float | None = Field(default=None, ge=0, le=1)
     prefill_decay_steps: int | None = Field(default=None, ge=1)
-    layer_norm_critic: bool = False
+    layer_norm_critic: bool = True
+    critic_root_offset: float = Field(default=0.01, ge=0)
     cloning_weight: float = Field(default=0.0, ge=0)
+    saturation_weight: float = Field(default=0.1, ge=0)
 
     @model_validator(mode="after")
     def _explores_within_steps(self) -> "TrainingSettings":

@@ -3,11 +3,13 @@
 Each gradient step, with a batch of transitions (s, u, c, s', d) of every seed, where d is the discount:
 
     u'       =  clip(pi'(s') + clip(noise, -b, b), -1, 1)        (1)  target policy smoothing
-    y        =  c + d max(Q1'(s', u'), Q2'(s', u'))              (2)  costs: the *larger* twin is the careful one
-    phi_j   <-  Adam down  mean (Qj(s, u) - y)^2,  j = 1, 2      (3)  both critics
+    y        =  h(c + d h^-1(max(Z1'(s', u'), Z2'(s', u'))))     (2)  costs: the *larger* twin is the careful one
+    phi_j   <-  Adam down  mean (Zj(s, u) - y)^2,  j = 1, 2      (3)  both critics
     every k-th step:
-      theta <-  Adam down  mean Q1(s, pi(s))                     (4)  actor: down the cost
+      theta <-  Adam down  mean Z1(s, pi(s))                     (4)  actor: down the cost
       phi'  <-  tau phi + (1 - tau) phi',  theta' likewise       (5)  slow copies follow
+
+The critics are Z = h(Q), the roots of the cost-to-go (`roots.py`); in the paper h is the identity, and Z is Q.
 """
 
 import torch
@@ -15,7 +17,7 @@ from torch import Tensor
 
 from maglev_offline.agents import networks
 from maglev_offline.agents.adam import Adam
-from maglev_offline.agents.ddpg import actor_loss, initial_networks
+from maglev_offline.agents.ddpg import actor_loss, bootstrap, initial_networks
 from maglev_offline.agents.settings import TrainingSettings
 from maglev_offline.replay.buffer import Batch
 
@@ -37,13 +39,13 @@ class Td3:
             smoothing = (noise * settings.smoothing_std).clamp(-settings.smoothing_clip, settings.smoothing_clip)
             next_action = (networks.act(self.slow_actor, batch.next_observation) + smoothing).clamp(-1.0, 1.0)  # (1)
             twins = networks.value(self.slow_critic, batch.next_observation, next_action)
-            target = batch.cost + batch.discount * torch.maximum(twins[0], twins[1])  # (2)
+            target = bootstrap(batch, torch.maximum(twins[0], twins[1]), settings)  # (2)
 
         error = networks.value(self.critic, batch.observation, batch.action) - target
         self.critic_adam.descend(error.square().mean(-2).sum())  # (3)
 
         if step % settings.policy_delay == 0:
-            loss = actor_loss(self.actor, networks.member(self.critic, 0), batch, settings.cloning_weight)
+            loss = actor_loss(self.actor, networks.member(self.critic, 0), batch, settings)
             self.actor_adam.descend(loss)  # (4)
             networks.track(self.slow_critic, self.critic, settings.target_rate)  # (5)
             networks.track(self.slow_actor, self.actor, settings.target_rate)

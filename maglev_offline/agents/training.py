@@ -45,7 +45,7 @@ def train_block(
     Unusable: the checkpoint is damaged, or is another run's.
     """
     learner = make_learner(engine, algorithm, seeds, plant, mdp, settings, prefill, threads=threads)
-    record = Record(seeds, plant, mdp, evaluation)
+    record = Record(seeds, plant, mdp, evaluation, settings.critic_root_offset)
     if checkpoint is None or not _resume(checkpoint, learner, record, settings):
         _tell(see, record.take(learner))
     while learner.step < settings.steps:

@@ -24,7 +24,7 @@ struct Settings {
     // learning
     std::int64_t batch, smoothing, policy_delay, n_step, exploratory_steps, steps, hold;
     double actor_learning_rate, critic_learning_rate, final_learning_rate_fraction, target_rate;
-    double exploration_std, smoothing_std, smoothing_clip, cloning_weight;
+    double exploration_std, smoothing_std, smoothing_clip, cloning_weight, saturation_weight, critic_root_offset;
     // replay: `room` slots for own rows behind `prefilled` rows; mixing_share < 0 and prefill_decay_steps 0: not given
     std::int64_t prefilled, room, prefill_decay_steps;
     double mixing_share;
@@ -81,7 +81,7 @@ struct Scratch {
     std::int64_t stride_h1;                                            // of first-layer activations, with action and 1
     std::int64_t slots;                                                // of the next batch, 8 bytes each
     std::int64_t seen, next, action, cost, discount, prefilled;        // the batch
-    std::int64_t next_action, target, policy, value, slope;            // one number for each row of it
+    std::int64_t next_action, target, argument, policy, value, slope;  // one number for each row of it
     std::int64_t block_h1, block_h2, block_n1, block_n2, block_r1, block_r2;
     std::int64_t actor_h1, actor_h2, actor_n1, actor_n2;               // the whole batch: a batch norm looks at it
     std::int64_t scale_1, scale_2, rate_1, rate_2;                     // of the batch norm
@@ -155,7 +155,7 @@ inline Layout arena_layout(const Settings& s, std::int64_t lanes) {
     c.slots = take(2 * rows);
     c.seen = take(4 * rows), c.next = take(4 * rows);
     c.action = take(rows), c.cost = take(rows), c.discount = take(rows), c.prefilled = take(rows);
-    c.next_action = take(rows), c.target = take(rows), c.policy = take(rows);
+    c.next_action = take(rows), c.target = take(rows), c.argument = take(rows), c.policy = take(rows);
     c.value = take(2 * rows), c.slope = take(rows);
     c.block_h1 = take(rows_at_once * c.stride_h1), c.block_h2 = take(rows_at_once * s2);
     c.block_n1 = take(layer_rows * s1), c.block_n2 = take(layer_rows * s2);

@@ -9,6 +9,7 @@
 
 namespace maglev::MAGLEV_ISA {
 
+constexpr float saturated = 3.0f;  // agents/networks.py
 constexpr double beta_1 = 0.9, beta_2 = 0.999, adam_eps = 1e-8;
 
 // Everything one step needs to find its numbers.
@@ -81,6 +82,16 @@ static void adam(
     }
 }
 
+// Values and their roots: z = sign(q) (sqrt(|q| + e) - sqrt(e)), and back.
+MAGLEV_INLINE V signed_as(V size, V sign) { return (V)((I)size | ((I)sign & (I)splat(-0.0f))); }
+MAGLEV_INLINE V compress(V q, float offset) {
+    return signed_as(square_root(magnitude(q) + offset) - __builtin_sqrtf(offset), q);
+}
+MAGLEV_INLINE V expand(V z, float offset) {
+    const V size = magnitude(z);
+    return signed_as(size * (size + 2.0f * __builtin_sqrtf(offset)), z);
+}
+
 // y = c + d max_j Qj'(s', u')
 static void set_targets(const Seed& seed, const float* noise) {
     const Settings& s = seed.s;
@@ -109,10 +120,14 @@ static void set_targets(const Seed& seed, const float* noise) {
                 seed.w, at.critic, s.layer_norm_critic, seed[at.slow_critic_at[j]], n, seed[c.next] + 4 * row,
                 action + row, seed.block(), seed[c.value] + j * padded_rows + row);
         });
+    const float offset = static_cast<float>(s.critic_root_offset);
     for (int b = 0; b < padded_rows; b += lanes) {
         V q = load(seed[c.value] + b);
         if (s.critics == 2) q = larger(q, load(seed[c.value] + padded_rows + b));
-        store(seed[c.target] + b, load(seed[c.cost] + b) + load(seed[c.discount] + b) * q);
+        if (s.critic_root_offset > 0) q = expand(q, offset);
+        V y = load(seed[c.cost] + b) + load(seed[c.discount] + b) * q;
+        if (s.critic_root_offset > 0) y = compress(y, offset);
+        store(seed[c.target] + b, y);
     }
 }
 
@@ -151,7 +166,7 @@ static void policy_forward(const Seed& seed, int row, int rows) {
     float* const p = seed[at.actor_at];
     const Pass to = seed.actor(row);
     const float* const seen = seed[at.scratch.seen] + 4 * row;
-    float* const out = seed[at.scratch.policy] + row;
+    float* const out = seed[at.scratch.argument] + row;
     if (!seed.s.batch_norm_actor) {
         act_forward(w, net, {p, nullptr, nullptr}, rows, seen, to, out);
         for (int r = 0; r < rows; ++r) to.h1[r * w.l1 + w.h1] = 1.0f;
@@ -200,22 +215,25 @@ static void policy_values(const Seed& seed, int row, int rows) {
     action_slope(seed.w, at.critic, norm, p, rows, seed.block(), seed[c.critic_gradient], seed[c.slope] + row);
 }
 
-// x <- tanh(x); what lies in a last vector behind the rows is spoilt.
-MAGLEV_INLINE void squash(float* x, int rows) {
-    for (int r = 0; r < rows; r += lanes) store_anywhere(x + r, hyperbolic_tangent(load_anywhere(x + r)));
+// y = tanh(x); what lies in a last vector behind the rows is spoilt.
+MAGLEV_INLINE void squash(const float* x, float* y, int rows) {
+    for (int r = 0; r < rows; r += lanes) store_anywhere(y + r, hyperbolic_tangent(load_anywhere(x + r)));
 }
 
-// From dQ/da to slopes of the tanh's argument: the loss is `scale` sum Q + `cloning` sum over prefilled (pi - u)^2.
-static void loss_slopes(const Seed& seed, int row, int rows, float scale, float cloning) {
+// From dQ/da to slopes of the tanh's argument x: the loss is
+// `scale` sum Q + `cloning` sum over prefilled (pi - u)^2 + `saturation` sum (how far |x| is beyond 3)^2.
+static void loss_slopes(const Seed& seed, int row, int rows, float scale, float cloning, float saturation) {
     const Scratch& c = seed.at.scratch;
     float *const slope = seed[c.slope] + row, *const policy = seed[c.policy] + row;
     const float *const action = seed[c.action] + row, *const prefilled = seed[c.prefilled] + row;
-    const float pull = 2.0f * cloning;
+    const float* const argument = seed[c.argument] + row;
+    const float pull = 2.0f * cloning, back = 2.0f * saturation;
     for (int b = 0; b < rows; b += lanes) {
         const V pi = load_anywhere(policy + b);
         V d = scale * load_anywhere(slope + b);
         if (cloning > 0.0f) d += pull * load_anywhere(prefilled + b) * (pi - load_anywhere(action + b));
-        store_anywhere(slope + b, d * (1.0f - pi * pi));
+        const V x = load_anywhere(argument + b);
+        store_anywhere(slope + b, d * (1.0f - pi * pi) + back * (x - clamp(x, -saturated, saturated)));
     }
 }
 
@@ -225,7 +243,8 @@ static void improve_actor(const Seed& seed, const AdamStep& step) {
     const Layout& at = seed.at;
     const Scratch& c = at.scratch;
     const int rows = seed.rows();
-    const float share = 1.0f / static_cast<float>(rows), cloning = static_cast<float>(s.cloning_weight) * share;
+    const float share = 1.0f / static_cast<float>(rows), cloning = static_cast<float>(s.cloning_weight) * share,
+                saturation = static_cast<float>(s.saturation_weight) * share;
     float* const p = seed[at.actor_at];
     float* const slow = seed[at.slow_actor_at];
     float* const gradient = seed[c.actor_gradient];
@@ -234,7 +253,7 @@ static void improve_actor(const Seed& seed, const AdamStep& step) {
     transpose(seed.w.h1, seed.w.h2, p + at.actor.w2, seed.w.s2, seed[c.actor_w2t], seed.w.s1);
     const auto forward = [&](int row, int n) {
         policy_forward(seed, row, n);
-        squash(seed[c.policy] + row, n);
+        squash(seed[c.argument] + row, seed[c.policy] + row, n);
     };
     const auto values = [&](int row, int n) { policy_values(seed, row, n); };
     if (s.batch_norm_actor || s.cloning_weight > 0) {
@@ -247,14 +266,14 @@ static void improve_actor(const Seed& seed, const AdamStep& step) {
             for (int b = 0; b < rows; ++b) size += __builtin_fabsf(seed[c.value][b]);
             scale = 1.0f / size;  // share / mean |Q|
         }
-        loss_slopes(seed, 0, rows, scale, cloning);
+        loss_slopes(seed, 0, rows, scale, cloning, saturation);
         const auto back = [&](int row, int n) { policy_backward(seed, row, n, seed[c.slope] + row); };
         if (s.batch_norm_actor) back(0, rows);
         else in_groups(rows, back);
     } else {
         in_groups(rows, [&](int row, int n) {
             forward(row, n), values(row, n);
-            loss_slopes(seed, row, n, share, 0.0f);
+            loss_slopes(seed, row, n, share, 0.0f, saturation);
             policy_backward(seed, row, n, seed[c.slope] + row);
         });
     }

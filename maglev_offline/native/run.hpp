@@ -106,7 +106,7 @@ static void gather(const Seed& seed, const Replay& replay) {
 // pi(s) of `rows` observations [rows, 4], at most `rows_at_once`; `action` has room for one vector more.
 static void act(const Seed& seed, const Acting& policy, int rows, const float* seen, float* action) {
     act_forward(seed.w, seed.at.actor, policy, rows, seen, seed.block(), action);
-    squash(action, rows);
+    squash(action, action, rows);
 }
 
 MAGLEV_INLINE double number_or_zero(float x) { return x == x ? x : 0.0; }
@@ -143,7 +143,6 @@ void advance(
     Magnet magnet{head.gap_m, head.velocity_m_s, head.current_a};
     bool planned = false;
     for (std::int64_t within = 0; within < steps; ++within) {
-//        if (planned) fetch(seed, replay);
         if (head.age >= s.decisions) {
             magnet = at_rest(s, s.start_low_m + (s.start_high_m - s.start_low_m) * draws.start[within]);
             head.age = 0;

@@ -14,7 +14,7 @@ def nets(world):
 
 
 def found(nets, world):
-    return diverged(*nets, world.plant, world.mdp, GAPS).tolist()
+    return diverged(*nets, world.plant, world.mdp, GAPS, 0.0).tolist()
 
 
 def test_fresh_networks_have_not_diverged(nets, world):
@@ -40,3 +40,10 @@ def test_the_largest_value_is_that_of_resting_at_the_farther_stop(world):
     mdp = world.mdp.model_copy(update={"contact_penalty": 2.0})
     stage = 6000 * 0.008**2 + 7.5e-8 * 200**2
     assert largest_value(world.plant, mdp) == pytest.approx((10 * stage + 2.0) / 0.1)
+
+
+def test_critics_of_roots_are_held_to_the_cost_to_go_that_they_stand_for(nets, world):
+    nets[1]["w3"][0, 2] = 0.0
+    nets[1]["b3"][0, 2] = (2 * BEYOND * largest_value(world.plant, world.mdp)) ** 0.5
+    assert found(nets, world) == [False, False, False]
+    assert diverged(*nets, world.plant, world.mdp, GAPS, 0.01).tolist() == [False, False, True]

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from maglev_offline.agents import networks
-from maglev_offline.agents.ddpg import actor_loss
+from maglev_offline.agents.ddpg import actor_loss, bootstrap
 from maglev_offline.agents.draws import DrawStreams
 from maglev_offline.agents.evaluation import roll_out
 from maglev_offline.agents.native import NativeLearner, availability
@@ -24,10 +24,26 @@ EXPLORATORY, SEEDS = 60, [0, 1]
 
 RUNNABLE = [isa.name for isa in isas() if isa.runs_here]
 
+PLAIN = {
+    "layer_norm_critic": False,
+    "critic_root_offset": 0.0,
+    "saturation_weight": 0.0,
+    "actor_learning_rate": 5e-4,
+    "critic_learning_rate": 1e-3,
+}
+"""The published algorithms, without what this project adds by default."""
+
+WIDE_ACTOR = {"actor_last_layer_scale": 40.0}
+"""Fresh actors whose tanh saturates in a part of the batch, as the pull against that supposes."""
+
 VARIANTS = {
-    "plain": {},
-    "batch norm in the actor": {"batch_norm_actor": True},
-    "layer norm in the critics": {"layer_norm_critic": True},
+    "default": {},
+    "plain": PLAIN,
+    "batch norm in the actor": {**PLAIN, "batch_norm_actor": True},
+    "layer norm in the critics": {**PLAIN, "layer_norm_critic": True},
+    "roots": {**PLAIN, "critic_root_offset": 0.2},
+    "saturated actor": {**PLAIN, **WIDE_ACTOR, "saturation_weight": 0.7},
+    "saturated actor with batch norm": {**WIDE_ACTOR, "batch_norm_actor": True},
     "both norms, widths that fill no vector": {
         "batch_norm_actor": True,
         "layer_norm_critic": True,
@@ -124,16 +140,15 @@ def test_gradients_are_those_of_autograd(algorithm, variant, isa):
         if algorithm == "td3":
             clip = training.smoothing_clip
             action = (action + (noise * training.smoothing_std).clamp(-clip, clip)).clamp(-1, 1)
-        target = batch.cost + batch.discount * networks.value(
-            group(before, "critic"), batch.next_observation, action
-        ).amax(0)
+        worse = networks.value(group(before, "critic"), batch.next_observation, action).amax(0)
+        target = bootstrap(batch, worse, training)
     critic = group(before, "critic")
     error = networks.value(critic, batch.observation, batch.action) - target
     actor = group(before, "actor")
     improved = {name: value.detach()[0] for name, value in group(after, "critic").items()}
     expected = {
         "critic": gradients(critic, error.square().mean(-2).sum()),
-        "actor": gradients(actor, actor_loss(actor, improved, batch, training.cloning_weight)),
+        "actor": gradients(actor, actor_loss(actor, improved, batch, training)),
     }
     for kind, of_parameters in expected.items():
         for name, gradient in of_parameters.items():
@@ -146,9 +161,12 @@ def test_gradients_are_those_of_autograd(algorithm, variant, isa):
 # -- the loop against the torch engine
 
 LOOPS = {
-    "plain": {},
-    "batch norm": {"batch_norm_actor": True},
-    "layer norm": {"layer_norm_critic": True},
+    "default": {},
+    "plain": PLAIN,
+    "batch norm": {**PLAIN, "batch_norm_actor": True},
+    "layer norm": {**PLAIN, "layer_norm_critic": True},
+    "roots": {**PLAIN, "critic_root_offset": 0.01},
+    "saturated actor": {**PLAIN, **WIDE_ACTOR, "saturation_weight": 0.7},
     "n-step returns in a ring that is full": {"n_step": 3, "buffer_capacity": 50},
     "rarely moved actor": {"policy_delay": 3},
     "one row in a batch": {"batch_size": 1},

@@ -151,7 +151,7 @@ def sixteen_lanes(tmp_path_factory):
     shutil.which("c++") is None or "avx2" not in [isa.name for isa in isas() if isa.runs_here],
     reason="needs a C++ compiler and a processor with AVX2",
 )
-@pytest.mark.parametrize("changes", [{}, {"hidden": (13, 50), "batch_norm_actor": True, "layer_norm_critic": True}])
+@pytest.mark.parametrize("changes", [{}, {"hidden": (13, 50), "batch_norm_actor": True, "saturation_weight": 0.0}])
 def test_sixteen_lanes_compute_the_bits_of_eight(sixteen_lanes, monkeypatch, changes):
     library = native_library._library(sixteen_lanes)
     numbers = {isa.name: isa for isa in isas()}

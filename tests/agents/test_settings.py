@@ -4,12 +4,11 @@ from pydantic import ValidationError
 from maglev_offline.agents.settings import TrainingSettings
 
 
-def test_what_is_not_given_is_the_plain_algorithm():
+def test_what_is_not_given_treats_the_prefill_like_any_row():
     settings = TrainingSettings()
     assert (settings.engine, settings.n_step, settings.mixing_share, settings.prefill_decay_steps) == (
         "auto", 1, None, None,
     )  # fmt: skip
-    assert not settings.layer_norm_critic
     assert settings.cloning_weight == 0
 
 
@@ -21,6 +20,8 @@ def test_what_is_not_given_is_the_plain_algorithm():
         ({"n_step": 0}, "greater than or equal to 1"),
         ({"prefill_decay_steps": 0}, "greater than or equal to 1"),
         ({"cloning_weight": -1}, "greater than or equal to 0"),
+        ({"critic_root_offset": -0.1}, "greater than or equal to 0"),
+        ({"saturation_weight": -0.1}, "greater than or equal to 0"),
         ({"checkpoint_every": 0}, "greater than or equal to 1"),
         ({"engine": "jax"}, "'auto', 'torch' or 'native'"),
         ({"n_step": 5, "buffer_capacity": 5}, "n_step = 5 rows do not fit into buffer_capacity = 5 slots"),

@@ -116,7 +116,16 @@ def test_padding_is_not_shown(world):
     assert one.responses(np.array([0.006, 0.01])).gap_m.shape[1] == 2
 
 
-@pytest.mark.parametrize("changes", [{"n_step": 4}, {"layer_norm_critic": True}, {"cloning_weight": 1.0}])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"n_step": 4},
+        {"layer_norm_critic": False},
+        {"cloning_weight": 1.0},
+        {"critic_root_offset": 0.0},
+        {"saturation_weight": 0.0, "actor_last_layer_scale": 40.0},
+    ],
+)
 def test_each_lead_changes_what_is_learned(world, prefilled_rows, changes):
     plain, other = learner(world, prefill=prefilled_rows), learner(world, prefill=prefilled_rows, **changes)
     for one in (plain, other):

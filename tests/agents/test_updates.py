@@ -15,7 +15,16 @@ SEEDS, ROWS = [0, 1, 2], 12
 
 @pytest.fixture
 def settings() -> TrainingSettings:
-    return TrainingSettings(hidden=(6, 5), actor_last_layer_scale=1.0, smoothing_std=2.0, smoothing_clip=0.5)
+    """The paper's algorithms: nothing that this project adds."""
+    return TrainingSettings(
+        hidden=(6, 5),
+        actor_last_layer_scale=1.0,
+        smoothing_std=2.0,
+        smoothing_clip=0.5,
+        layer_norm_critic=False,
+        critic_root_offset=0.0,
+        saturation_weight=0.0,
+    )
 
 
 @pytest.fixture
@@ -191,3 +200,35 @@ def test_layer_norm_in_the_critics_learns_too(algorithm, settings, batch, noise)
     for name in ("gain_1", "shift_1", "gain_2", "shift_2"):
         assert not torch.equal(agent.critic[name], before[name])
         assert not torch.equal(agent.slow_critic[name], before[name])
+
+
+@pytest.mark.parametrize("algorithm", [Ddpg, Td3])
+def test_critics_of_roots_learn_the_root_of_the_target(algorithm, settings, batch, noise):
+    """Equations (1) and (2) with h(q) = sqrt(q + e) - sqrt(e) for costs-to-go that are not negative."""
+    offset, rate = 0.04, settings.critic_learning_rate
+    agent = algorithm(SEEDS, settings.model_copy(update={"critic_root_offset": offset, "smoothing_std": 0.0}))
+    critics = agent.critic["w3"].shape[0]
+    start = [(seed_of(agent.actor, s), [seed_of(agent.critic, s, k) for k in range(critics)]) for s in range(3)]
+    agent.update(batch, noise, step=2)
+    for seed, (actor, of_seed) in enumerate(start):
+        one = rows_of(batch, seed)
+        action = networks.act(actor, one.next_observation)
+        roots = torch.stack([networks.value(critic, one.next_observation, action) for critic in of_seed]).amax(0)
+        cost_to_go = roots.sign() * ((roots.abs() + offset**0.5) ** 2 - offset)
+        total = one.cost + one.discount * cost_to_go
+        target = (total.sign() * ((total.abs() + offset).sqrt() - offset**0.5)).detach()
+        for number, critic in enumerate(of_seed):
+            error = networks.value(critic, one.observation, one.action) - target
+            close(agent.critic, seed, adam_step(critic, (error**2).mean(), rate), critic=number)
+
+
+@pytest.mark.parametrize("algorithm", [Ddpg, Td3])
+def test_an_actor_that_saturates_everywhere_is_pulled_back(algorithm, settings, batch, noise):
+    """tanh is 1 in single precision, and has no slope left: without the pull nothing would ever move the actor."""
+    for weight, moves in ((0.0, False), (0.1, True)):
+        agent = algorithm(SEEDS, settings.model_copy(update={"saturation_weight": weight}))
+        with torch.no_grad():
+            agent.actor["b3"].fill_(30.0)
+        agent.update(batch, noise, step=2)
+        after = agent.actor["b3"].detach()
+        assert bool((after < 30.0).all()) == moves
