@@ -97,12 +97,14 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
     ArtefactError: there are no samples, or only such as another recipe made.
     """
     from maglev_offline.curate.stage import curate as run_curate
+    from maglev_offline.curate.words import verdict_words
 
     if folders is None:
         folders = _fitting_samples(recipe, workspace, progress)
     folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
     manifest = Manifest.read(folder)
     before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
+    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic")}
     return Done(
         "curate",
         folder,
@@ -111,8 +113,13 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
         f"{len(manifest.inputs)} log{'s' * (len(manifest.inputs) != 1)} in the workspace; "
         f"effective cells {before['effective_cells']:.0f} -> {after['effective_cells']:.0f} "
         f"of {before['occupied_cells']} occupied, "
-        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept",
-        {"counts": manifest.counts, "left_out": manifest.left_out, "coverage": manifest.facts},
+        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept; {verdict_words(manifest.facts)}",
+        {
+            "counts": manifest.counts,
+            "left_out": manifest.left_out,
+            "coverage": {name: fact for name, fact in manifest.facts.items() if name not in judged},
+            **judged,
+        },
     )
 
 
@@ -136,17 +143,24 @@ def _fitting_samples(recipe: Recipe, workspace: Workspace, progress: Progress) -
 
 def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
     """Make the prefill of one algorithm."""
+    from maglev_offline.curate.words import verdict_words
     from maglev_offline.replay.prefill import make_prefill
 
     folder, fresh = make_prefill(workspace, algorithm, recipe.prefill, recipe.plant, recipe.mdp)
-    manifest = Manifest.read(folder)
+    manifest, curated = Manifest.read(folder), Manifest.read(workspace.path("transitions")).facts
     return Done(
         "prefill",
         folder,
         fresh,
         f"{manifest.counts['rows']:,} rows for {algorithm}, actions up to {manifest.facts['largest_action']:.2f} "
-        f"of the voltage limit, mean cost {manifest.facts['mean_cost']:.3g}",
-        {"algorithm": algorithm, "rows": manifest.counts["rows"], "left_out": manifest.left_out},
+        f"of the voltage limit, mean cost {manifest.facts['mean_cost']:.3g}; {verdict_words(curated)}",
+        {
+            "algorithm": algorithm,
+            "rows": manifest.counts["rows"],
+            "left_out": manifest.left_out,
+            "construction": curated.get("construction"),
+            "diagnostic": curated.get("diagnostic"),
+        },
     )
 
 

@@ -187,20 +187,41 @@ def ingest(
         raise typer.Exit(2)
 
 
+FailOnVerdict = Literal["never", "doubtful", "harmful"]
+
+
 def curate(
+    construction: Annotated[
+        str | None,
+        typer.Option(
+            "--construction", help="raw, semi_markov, interpolated or simulated_next. [default: the recipe's]"
+        ),
+    ] = None,
+    fail_on: Annotated[
+        FailOnVerdict,
+        typer.Option("--fail-on", help="The least verdict that ends in exit code 1 (doubtful) or 2 (harmful)."),
+    ] = "never",
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Curate the transitions anew from the samples, for instance after a change of the recipe."""
+    """Curate the transitions anew from the samples, and say whether they teach the truth.
+
+    Exit code 0 where the verdict is not as bad as --fail-on, else 1 where it is doubtful and 2 where it is harmful.
+    """
     from maglev_offline import pipeline
+    from maglev_offline.curate.words import exit_code
 
     session = open_session(recipe, workspace, as_json, quiet, plant)
+    session = with_options(session, "curate", construction=construction)
     with session.at_work("curate"):
         done = pipeline.curate(session.recipe, session.workspace, session.talk)
     session.talk.result(done.plain(), *done.lines())
+    code = exit_code(done.data["diagnostic"]["verdict"], fail_on)
+    if code:
+        raise typer.Exit(code)
 
 
 def prefill(

@@ -1,18 +1,27 @@
 """The `[curate]` table of a recipe."""
 
-from pydantic import Field
+from typing import Literal
+
+from pydantic import Field, model_validator
 
 from maglev_offline.settings import Settings
 
+ConstructionName = Literal["raw", "semi_markov", "interpolated", "simulated_next"]
+"""How rows are made from pairs of samples; see `constructions`."""
+
 
 class CurateSettings(Settings):
-    """Which transitions are kept.
+    """How transitions are made, and which are kept.
 
-    State and action are cut into `bins_*` cells between the `edge_quantile` and its complement; every cell gives
-    as many rows as the fullest can spare, until there are `target_rows`. `low_cost_quantile` says what counts as a
-    low-cost row in the coverage report. `validation_share` of the logs (whole logs, never rows) are held out.
+    `construction` says how rows come from pairs of samples. `consistent_fraction`: keep this share of the usable rows,
+    those that agree best with the simulator over one step (not given: all). State and action are cut into `bins_*`
+    cells between the `edge_quantile` and its complement; every cell gives as many rows as the fullest can spare,
+    until there are `target_rows`. `low_cost_quantile` says what counts as a low-cost row in the coverage report.
+    `validation_share` of the logs (whole logs, never rows) are held out.
     """
 
+    construction: ConstructionName = "raw"
+    consistent_fraction: float | None = Field(default=None, gt=0, le=1)
     target_rows: int = Field(default=10_000, ge=1)
     seed: int = Field(default=0, ge=0)
     bins_gap: int = Field(default=10, ge=1, le=1000)
@@ -22,3 +31,12 @@ class CurateSettings(Settings):
     edge_quantile: float = Field(default=0.005, ge=0, lt=0.5)
     low_cost_quantile: float = Field(default=0.25, gt=0, lt=1)
     validation_share: float = Field(default=0.0, ge=0, lt=1)
+
+    @model_validator(mode="after")
+    def _filter_has_something_to_do(self) -> "CurateSettings":
+        if self.consistent_fraction is not None and self.construction == "simulated_next":
+            raise ValueError(
+                "consistent_fraction goes with rows of logged next states: those of construction = "
+                '"simulated_next" are the simulator\'s own, and all agree with it'
+            )
+        return self

@@ -62,10 +62,11 @@ def curate(
     if workspace.is_current(home, mark):
         return home, False
 
+    from maglev_offline.curate.diagnostic import diagnose
     from maglev_offline.curate.plausibility import implausible
 
     samples = load_samples(folders)
-    found = _usable(samples, workspace, plant, mdp)
+    found = _usable(samples, workspace, settings, plant, mdp)
     candidates, reason = found.candidates, found.reason
     training, curated = _balanced(candidates, settings)
     _tell(progress, found, training, settings)
@@ -76,13 +77,23 @@ def curate(
     manifest = Manifest("transitions", mark, inputs)
     tables = {"curate": settings, "plant": plant, "mdp": mdp}
     manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
-    manifest.counts = {"pairs": len(reason), "candidates": len(candidates), "transitions": len(curated)}
+    manifest.counts = {
+        "pairs": found.pairs,
+        "rows": len(reason),
+        "candidates": len(candidates),
+        "transitions": len(curated),
+    }
     manifest.left_out = {
         **{str(code): int(n) for code, n in reason[reason != ""].value_counts().sort_index().items()},
         "held_out_for_validation": len(candidates) - len(training),
         "not_selected_by_balance": len(training) - len(curated),
     }
-    manifest.facts = {**coverage_facts(training, curated, settings), "doubts": doubts}
+    manifest.facts = {
+        **coverage_facts(training, curated, settings),
+        "doubts": doubts,
+        "construction": settings.construction,
+        "diagnostic": diagnose(training, plant, mdp, settings.seed).plain(),
+    }
     with workspace.commit(home, manifest) as draft:
         for name, part in (("transitions", curated), ("candidates", candidates)):
             write_parquet(part, draft / f"{name}.parquet")
@@ -90,32 +101,61 @@ def curate(
 
 
 class _Usable(NamedTuple):
-    """The usable transitions, and for every pair of samples why it is none (empty: it is one)."""
+    """The usable transitions, of how many pairs of samples, and why a row that was made is none (empty: it is one)."""
 
     candidates: pd.DataFrame
+    pairs: int
     reason: pd.Series
 
+    @property
+    def unit(self) -> str:
+        """What was made: a row for each pair, or several."""
+        return "pairs" if len(self.reason) == self.pairs else "rows"
 
-def _usable(samples: pd.DataFrame, workspace: Workspace, plant: Plant, mdp: Mdp) -> _Usable:
-    from maglev_offline.curate.transitions import transitions_of, unusable
+
+def _usable(samples: pd.DataFrame, workspace: Workspace, settings: CurateSettings, plant: Plant, mdp: Mdp) -> _Usable:
+    from maglev_offline.curate.constructions import CONSTRUCTIONS
+    from maglev_offline.curate.pairs import pairs_of
+    from maglev_offline.curate.transitions import unusable
 
     where = str(workspace.path("samples"))
-    table = transitions_of(samples, plant, mdp)
-    if table.empty:
+    pairs = pairs_of(samples, plant)
+    if not len(pairs):
         raise ArtefactError(
             "no two samples follow each other in a segment, so there is no transition.",
             where=where,
             todo="Look at [ingest] longest_bridge_ms against the period of the messages.",
         )
+    table = CONSTRUCTIONS[settings.construction](pairs, plant, mdp)
     reason = unusable(table, mdp)
-    candidates = table[reason == ""].reset_index(drop=True)
-    if candidates.empty:
+    if settings.consistent_fraction is not None:
+        _leave_out_inconsistent(table, reason, settings.consistent_fraction, plant, mdp)
+    found = _Usable(table[reason == ""].reset_index(drop=True), len(pairs), reason)
+    if found.candidates.empty:
         raise ArtefactError(
-            f"no usable transition in {len(table)} pairs of samples ({_listing(reason)}).",
+            f"no usable transition in {len(reason)} {found.unit} of samples ({_listing(reason)}).",
             where=where,
-            todo="Check the units in [signals], and mdp.voltage_limit_v against the logged voltage.",
+            todo=_todo(reason),
         )
-    return _Usable(candidates, reason)
+    return found
+
+
+def _leave_out_inconsistent(table: pd.DataFrame, reason: pd.Series, fraction: float, plant: Plant, mdp: Mdp) -> None:
+    """Give a reason to those usable rows that agree least with the simulator."""
+    from maglev_offline.curate.consistency import inconsistent, one_step_residual
+
+    usable = np.flatnonzero(reason == "")
+    marked = inconsistent(one_step_residual(table.iloc[usable], plant, mdp), fraction)
+    reason.iloc[usable[marked]] = "inconsistent_with_simulator"
+
+
+def _todo(reason: pd.Series) -> str:
+    if (reason == "shorter_than_a_decision").any():
+        return (
+            "The samples lie closer than mdp.control_period_ms: take another [curate] construction, "
+            "or a larger ingest.grid_ms."
+        )
+    return "Check the units in [signals], and mdp.voltage_limit_v against the logged voltage."
 
 
 def _balanced(candidates: pd.DataFrame, settings: CurateSettings) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -139,7 +179,7 @@ def _tell(progress: Progress, found: _Usable, training: pd.DataFrame, settings: 
         )
     if len(training) <= settings.target_rows:
         unused = (found.reason != "").any()
-        lost = f" ({_listing(found.reason)} of {len(found.reason)} pairs are not usable)" if unused else ""
+        lost = f" ({_listing(found.reason)} of {len(found.reason)} {found.unit} are not usable)" if unused else ""
         progress.warn(
             f"only {len(training)} usable transitions{lost} for curate.target_rows = {settings.target_rows}: "
             "all are kept, nothing is balanced."

@@ -30,7 +30,8 @@ def scaled(transitions: pd.DataFrame, mdp: Mdp) -> Columns:
     """Scale transitions to what DDPG and TD3 store.
 
     Returns `observation` and `next_observation` [n, 3] over the state scales, `action` [n] in [-1, 1], `cost` [n],
-    `discount` [n] (gamma, or 0 where the process ends), `terminated` and `truncated` [n], float32 and bool.
+    `discount` [n], `terminated` and `truncated` [n], float32 and bool. The discount is the row's own, and 0 where the
+    process ends; rows of a table without that column are one decision each, and take gamma.
 
     Raises
     ------
@@ -38,12 +39,14 @@ def scaled(transitions: pd.DataFrame, mdp: Mdp) -> Columns:
     """
     act = process.action(mdp, transitions["voltage_deviation_v"].to_numpy())
     terminated = transitions["terminated"].to_numpy(dtype=bool)
+    own = "discount" in transitions
+    discount = transitions["discount"].to_numpy() if own else np.full(len(transitions), mdp.discount)
     columns: Columns = {
         "observation": process.observation(mdp, transitions[list(STATE)].to_numpy()),
         "action": act,
         "cost": transitions["cost"].to_numpy(),
         "next_observation": process.observation(mdp, transitions[list(NEXT_STATE)].to_numpy()),
-        "discount": mdp.discount * ~terminated,
+        "discount": discount * ~terminated,
     }
     for name, column in columns.items():
         if not np.isfinite(column.astype(float)).all():

@@ -241,3 +241,46 @@ def test_logs_that_do_not_fit_the_plant_are_doubted_in_a_warning_and_on_the_page
     page = (here / "workspace/report/report.html").read_text()
     assert "To be doubted: the logged current (median " in page
     assert "carries 70000 kg" in page
+
+
+def test_curate_says_whether_the_rows_teach_the_truth_and_so_does_prefill(here, call):
+    call("ingest", "logs")
+    shown, data = call("curate"), call("curate", "--json").json
+    found = data["diagnostic"]
+    assert data["construction"] == "raw"
+    assert found["verdict"] != "fit"
+    assert found["error_over_advantage_std"] > 1
+    for name in ("correlation_with_advantage", "error_over_advantage_std"):
+        low, high = found[f"{name}_interval"]
+        assert low < high
+    prefilled = call("prefill", "--algo", "td3")
+    for text in (shown.out, prefilled.out):
+        assert f"raw rows are {found['verdict']}" in text.replace("\n", " ")
+    assert call("prefill", "--json").json["prefills"][0]["diagnostic"] == found
+
+
+def test_a_construction_may_be_named_on_the_command_line(here, call):
+    call("ingest", "logs")
+    made = call("curate", "--construction", "semi_markov", "--json").json
+    assert (made["construction"], made["status"]) == ("semi_markov", "done")
+    assert call("prefill", "--algo", "ddpg").code == 0
+    table = pd.read_parquet(here / "workspace/transitions/transitions.parquet")
+    rows = load_prefill(here / "workspace/prefill/ddpg")
+    assert set(table["origin"]) == {"semi_markov"}
+    assert rows["discount"] == pytest.approx(0.9 ** (table["duration_s"].to_numpy() / 0.01), rel=1e-6)
+    refused = call("curate", "--construction", "cooked")
+    assert refused.code == 2
+    assert "'raw', 'semi_markov', 'interpolated' or 'simulated_next' (given: 'cooked')" in refused.err
+    assert "Traceback" not in refused.err
+
+
+def test_a_verdict_fails_a_script_that_asks_for_it(here, call):
+    call("ingest", "logs")
+    bad = {"doubtful": {"never": 0, "doubtful": 1, "harmful": 0}, "harmful": {"never": 0, "doubtful": 2, "harmful": 2}}
+    for name in ("raw", "semi_markov"):
+        verdict = call("curate", "--construction", name, "--json").json["diagnostic"]["verdict"]
+        codes = {on: call("curate", "--construction", name, "--fail-on", on).code for on in bad["harmful"]}
+        assert codes == bad[verdict]
+    fit = call("curate", "--construction", "simulated_next", "--fail-on", "doubtful", "--json")
+    assert (fit.code, fit.json["diagnostic"]["verdict"]) == (0, "fit")
+    assert call("curate", "--fail-on", "always").code == 2

@@ -4,7 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from maglev_offline.curate.constructions.rows import NEXT_STATE, STATE
+from maglev_offline.curate.simulator import hold
+from maglev_offline.logs.surrogate_plant import simulate_log
+from maglev_offline.logs.surrogate_settings import SurrogateSettings
+from maglev_offline.mdp import Mdp, contact
+from maglev_offline.physics.parameters import Plant
 from maglev_offline.workspace import Manifest
+
+MDP = Mdp()
 
 
 @pytest.fixture(scope="session")
@@ -62,3 +70,80 @@ def put_samples():
             table.to_parquet(draft / "samples.parquet")
 
     return put
+
+
+@pytest.fixture(scope="session")
+def surrogate_truth():
+    """What a surrogate log of the paper's PID would show at 1 kHz, without noise, load, rail or force: two runs."""
+    settings = SurrogateSettings(
+        points=8, duration_s=9.5, run_s=(4.0, 4.0), load_spread=0, force_noise_std_n=0, rail_rms_m=0, from_stop_share=0
+    )
+    return simulate_log(Plant(), Mdp(), settings, 0, "pid")
+
+
+@pytest.fixture(scope="session")
+def samples_every(surrogate_truth):
+    """Sample that truth every so many milliseconds: one segment for each run of each point, cut before contact."""
+
+    def sample(period_ms, log_id="log-a"):
+        tables = []
+        for number, truth in enumerate(surrogate_truth):
+            for point in range(truth.gap_m.shape[1]):
+                free = ~contact(Plant(), truth.gap_m[:, point])
+                steps = np.arange(0, len(free) if free.all() else int(np.argmin(free)), period_ms)
+                gap, velocity, current, voltage, set_point = (
+                    getattr(truth, name)[steps, point]
+                    for name in ("gap_m", "velocity_m_s", "current_a", "voltage_v", "set_point_m")
+                )
+                t = pd.to_datetime(steps * 1_000_000 + number * 10**11, unit="ns", utc=True)
+                tables.append(
+                    pd.DataFrame(
+                        {
+                            "log_id": log_id,
+                            "point": f"P{point + 1}",
+                            "t": t,
+                            "segment": number,
+                            "step": np.arange(len(steps)),
+                            "gap_m": gap,
+                            "gap_velocity_m_s": velocity,
+                            "current_a": current,
+                            "voltage_v": voltage,
+                            "set_point_m": set_point,
+                            "gap_velocity_origin": "measured",
+                            "contact": False,
+                        }
+                    )
+                )
+        return pd.concat(tables, ignore_index=True)
+
+    return sample
+
+
+@pytest.fixture(scope="session")
+def simulator_rows():
+    """Rows of a random held policy in the simulator, as many as asked for: the truth itself, in several segments."""
+
+    def build(rows, seed=0, mdp=MDP):
+        rng = np.random.default_rng(seed)
+        state = rng.normal(0, mdp.state_scale / 2, (rows, 3))
+        voltage = rng.uniform(-50, 50, rows)
+        held = hold(Plant(), mdp, state, voltage)
+        table = pd.DataFrame(dict(zip(STATE, state.T, strict=True)))
+        table["voltage_deviation_v"], table["cost"] = voltage, held.cost
+        table = table.assign(**dict(zip(NEXT_STATE, held.next_state.T, strict=True)))
+        ended = held.touched & mdp.terminate_on_contact
+        return table.assign(
+            duration_s=mdp.control_period_ms / 1e3,
+            discount=mdp.discount * ~ended,
+            terminated=ended,
+            truncated=False,
+            origin="simulated_next",
+            log_id="log-a",
+            point="P1",
+            t=pd.to_datetime(np.arange(rows) * 10**8, unit="ns", utc=True),
+            segment=np.arange(rows) // 20,
+            step=np.arange(rows),
+            substep=0,
+        )
+
+    return build

@@ -5,6 +5,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from maglev_offline.curate.consistency import one_step_residual
+from maglev_offline.curate.diagnostic import diagnose
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.curate.stage import curate
 from maglev_offline.errors import ArtefactError
@@ -40,7 +42,8 @@ def test_every_pair_of_samples_is_a_candidate_or_left_out_for_a_reason(workspace
     settings = SMALL.model_copy(update={"validation_share": 0.2})
     folder, _ = curate(workspace, settings, PLANT, MDP)
     manifest = Manifest.read(folder)
-    assert manifest.counts == {"pairs": 4 * 79 + 4, "candidates": 4 * 79 + 2, "transitions": 100}
+    pairs = 4 * 79 + 4
+    assert manifest.counts == {"pairs": pairs, "rows": pairs, "candidates": 4 * 79 + 2, "transitions": 100}
     candidates = pd.read_parquet(folder / "candidates.parquet")
     held_out = int((candidates["split"] == "validation").sum())
     assert held_out > 0
@@ -249,3 +252,53 @@ def test_the_manifest_is_strict_json_with_the_tables_it_was_made_from(workspace)
     data = json.loads((folder / "manifest.json").read_text(), parse_constant=refuse)
     assert data["settings"]["plant"] == PLANT.model_dump(mode="json")
     assert set(data["inputs"]) == {f"samples/log-{name}" for name in "abcd"}
+
+
+@pytest.mark.parametrize(
+    ("construction", "rows_a_pair"),
+    [("raw", 1), ("semi_markov", 1), ("interpolated", 10), ("simulated_next", 1)],
+)
+def test_every_construction_counts_its_rows_as_used_or_left_out(workspace, construction, rows_a_pair):
+    settings = SMALL.model_copy(update={"construction": construction})
+    folder, _ = curate(workspace, settings, PLANT, MDP)
+    manifest = Manifest.read(folder)
+    assert manifest.counts["pairs"] == 4 * 79
+    assert manifest.counts["rows"] == 4 * 79 * rows_a_pair
+    assert sum(manifest.left_out.values()) + manifest.counts["transitions"] == manifest.counts["rows"]
+    chosen = pd.read_parquet(folder / "transitions.parquet")
+    assert (chosen["origin"] == construction).all()
+    assert not chosen.duplicated(["log_id", "point", "segment", "step", "substep"]).any()
+    assert manifest.facts["construction"] == construction
+
+
+def test_rows_that_contradict_the_simulator_most_are_left_out_where_the_recipe_asks_for_it(workspace):
+    settings = SMALL.model_copy(update={"consistent_fraction": 0.25, "target_rows": 50})
+    folder, _ = curate(workspace, settings, PLANT, MDP)
+    manifest = Manifest.read(folder)
+    assert manifest.counts["candidates"] == 79
+    assert manifest.left_out["inconsistent_with_simulator"] == 3 * 79
+    assert sum(manifest.left_out.values()) + manifest.counts["transitions"] == manifest.counts["rows"]
+    all_of_them = pd.read_parquet(curate(workspace, SMALL, PLANT, MDP)[0] / "candidates.parquet")
+    residual = one_step_residual(all_of_them, PLANT, MDP)
+    curate(workspace, settings, PLANT, MDP)
+    kept = one_step_residual(pd.read_parquet(folder / "candidates.parquet"), PLANT, MDP)
+    np.testing.assert_allclose(np.sort(kept), np.sort(residual)[:79])
+
+
+def test_samples_closer_than_decisions_cannot_be_interpolated_and_that_is_told(tmp_path, put_samples, samples_of):
+    workspace = Workspace(tmp_path)
+    put_samples(workspace, samples_of([0.008] * 4))
+    settings = SMALL.model_copy(update={"construction": "interpolated"})
+    mdp = Mdp(control_period_ms=200, episode_duration_s=1)
+    with pytest.raises(ArtefactError, match=r"shorter_than_a_decision: 3.*take another \[curate\] construction"):
+        curate(workspace, settings, PLANT, mdp)
+
+
+def test_the_verdict_on_the_training_rows_is_in_the_manifest(workspace):
+    settings = SMALL.model_copy(update={"validation_share": 0.5})
+    folder, _ = curate(workspace, settings, PLANT, MDP)
+    rows = pd.read_parquet(folder / "candidates.parquet").query("split == 'train'")
+    found = Manifest.read(folder).facts["diagnostic"]
+    assert found == diagnose(rows, PLANT, MDP, SMALL.seed).plain()
+    assert found["verdict"] in ("fit", "doubtful", "harmful")
+    assert found["rows"] == 2 * 79

@@ -36,14 +36,21 @@ def test_only_a_terminated_row_cuts_the_discount(transitions):
     np.testing.assert_array_equal(found["truncated"], transitions["truncated"])
 
 
+def test_the_discount_is_that_of_the_row_where_it_has_one(transitions, put_transitions):
+    own = np.linspace(0.3, 0.9, 100)
+    table = transitions.assign(discount=own * ~transitions["terminated"])
+    found = load_prefill(make_prefill(put_transitions(table), "td3", ALL, PLANT, MDP)[0])
+    np.testing.assert_allclose(found["discount"], np.where(transitions["terminated"], 0, own), rtol=1e-6)
+
+
 def test_an_action_beyond_the_limit_is_refused_with_the_number(transitions):
     with pytest.raises(InputError, match=r"times the voltage limit of 100 V.*mdp.voltage_limit_v"):
         scaled(transitions, Mdp(voltage_limit_v=100))
 
 
-@pytest.mark.parametrize("column", ["gap_error_m", "voltage_deviation_v", "cost", "next_current_error_a"])
+@pytest.mark.parametrize("column", ["gap_error_m", "voltage_deviation_v", "cost", "next_current_error_a", "discount"])
 def test_a_value_that_is_not_finite_is_refused(transitions, column):
-    table = transitions.copy()
+    table = transitions.assign(discount=MDP.discount)
     table.loc[7, column] = np.nan
     with pytest.raises(InputError, match="not finite"):
         scaled(table, MDP)

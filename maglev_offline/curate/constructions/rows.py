@@ -1,0 +1,64 @@
+"""The table that every construction makes."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from maglev_offline import mdp as process
+from maglev_offline.curate.pairs import Pairs
+from maglev_offline.mdp import Mdp
+
+Array = NDArray[np.float64]
+
+STATE = process.STATE_NAMES
+"""The three columns of the state s, relative to the equilibrium at the row's own set-point."""
+
+NEXT_STATE = tuple(f"next_{name}" for name in STATE)
+"""The three columns of s', relative to the same set-point; stored, never implied by the next row."""
+
+
+class Rows(NamedTuple):
+    """What a construction says of m rows, in SI units; `cost` holds no contact penalty, `discount` no termination.
+
+    `state`, `next_state` [m, 3]; `voltage_v` (v = u - u_eq), `cost`, `duration_s`, `discount` [m]; `touches`, `last`
+    [m] as in `Pairs`; `pair` and `substep` [m]: the row is the substep-th of that pair.
+    """
+
+    state: Array
+    voltage_v: Array
+    cost: Array
+    next_state: Array
+    duration_s: Array
+    discount: Array
+    touches: NDArray[np.bool_]
+    last: NDArray[np.bool_]
+    pair: NDArray[np.int64]
+    substep: NDArray[np.int64]
+
+
+def table_of(rows: Rows, pairs: Pairs, mdp: Mdp, origin: str) -> pd.DataFrame:
+    """Lay rows out as the table of transitions.
+
+    Columns: those of `STATE`, `voltage_deviation_v`, `cost` (with the contact penalty), those of `NEXT_STATE`,
+    `duration_s`, `discount` (0 where the process ends), `terminated` (contact, where the process ends there),
+    `truncated` (last of its segment), `origin`, `log_id`, `point`, `t` (when the row begins), `segment`, `step`,
+    `substep`.
+    """
+    terminated = rows.touches & mdp.terminate_on_contact
+    table = pd.DataFrame(dict(zip(STATE, rows.state.T, strict=True)))
+    table["voltage_deviation_v"] = rows.voltage_v
+    table["cost"] = rows.cost + mdp.contact_penalty * rows.touches
+    table = table.assign(**dict(zip(NEXT_STATE, rows.next_state.T, strict=True)))
+    table["duration_s"] = rows.duration_s
+    table["discount"] = rows.discount * ~terminated
+    table["terminated"] = terminated
+    table["truncated"] = rows.last & ~terminated
+    table["origin"] = origin
+    place = pairs.place.iloc[rows.pair].reset_index(drop=True)
+    begins_ns = np.rint(rows.substep * mdp.control_period_ms * 1e6).astype(np.int64)
+    place["t"] = place["t"] + pd.to_timedelta(begins_ns, unit="ns")
+    table = pd.concat([table, place], axis=1)
+    table["substep"] = rows.substep.astype(np.int32)
+    return table
