@@ -21,12 +21,21 @@ NATIVE, TORCH, STUDY, SCALING = "native", "torch", "study", "scaling"
 SB3, SBX, LOOP, ENVIRONMENT, PEAK = "stable-baselines3", "sbx-rl", "CleanRL-style loop", "environment alone", "sgemm"
 
 HIDDEN, BATCH, EXPLORATION_STD, DISCOUNT = 40, 100, 0.2, 0.9
+PUBLISHED: dict[str, Any] = {
+    "actor_learning_rate": 5e-4,
+    "critic_learning_rate": 1e-3,
+    "layer_norm_critic": False,
+    "critic_root_offset": 0.0,
+    "saturation_weight": 0.0,
+}
+"""The algorithms as published, which is what the peers run: nothing that this project adds by default."""
+
 TORCH_SEEDS = 16
 """Seeds that the torch engine steps together."""
 
 PEAK_SIZE = 2048
 
-STUDY_SEEDS, STUDY_BLOCK, STUDY_ROWS = 4, 2, 250_000
+STUDY_SEEDS, STUDY_BLOCK, STUDY_ROWS = 4, 4, 250_000
 """The part of the published study: seeds of each algorithm, and the rows that lie in every buffer from the start (a run
 of 500,000 steps has as many on average)."""
 
@@ -73,6 +82,7 @@ def ours(engine: str, algorithm: str, sizes: Sizes, seeds: int, threads: int = 1
         batch_size=BATCH,
         exploration_std=EXPLORATION_STD,
         buffer_capacity=sizes.rows + 1_000_000,
+        **PUBLISHED,
     )
     prefill = packed_rows(sizes.rows) if sizes.rows else None
     learner = make_learner(

@@ -14,7 +14,7 @@ CHUNK = 500
 
 
 class Draws(NamedTuple):
-    """Numbers for a stretch of steps; the leading axes are [steps, seeds]."""
+    """Numbers for a stretch of steps; leading axes [steps, seeds]. Smoothing has no rows where none is wanted."""
 
     start: Array
     exploration: Array
@@ -28,10 +28,16 @@ PURPOSES = ("start", "exploration", "uniform action", "batch", "smoothing", "for
 
 
 class DrawStreams:
-    """The generators of a block of seeds. An arm of a study uses the same ones as any other: runs are paired."""
+    """The generators of a block of seeds. An arm of a study uses the same ones as any other: runs are paired.
 
-    def __init__(self, seeds: list[int], batch_size: int, plant_steps: int, force_std_n: float) -> None:
+    `smoothed`: whether the algorithm smooths its targets; what nobody looks at is not drawn.
+    """
+
+    def __init__(
+        self, seeds: list[int], batch_size: int, plant_steps: int, force_std_n: float, *, smoothed: bool = True
+    ) -> None:
         self._batch_size, self._plant_steps, self._force_std_n = batch_size, plant_steps, force_std_n
+        self._smoothing_rows = batch_size if smoothed else 0
         self._of = {name: [stream(seed, name) for seed in seeds] for name in PURPOSES}
 
     def draw(self, steps: int) -> Draws:
@@ -42,7 +48,7 @@ class DrawStreams:
                 parts = [rng.random((steps, *shape)) for rng in self._of[name]]
             else:
                 parts = [rng.standard_normal((steps, *shape)) for rng in self._of[name]]
-            return np.stack(parts, axis=1)
+            return np.stack(parts, axis=1) if len(parts) > 1 else parts[0][:, None]  # one seed needs no copy
 
         force = None
         if self._force_std_n:
@@ -52,7 +58,7 @@ class DrawStreams:
             exploration=each("exploration", (), "normal"),
             uniform_action=2 * each("uniform action", (), "uniform") - 1,
             batch=each("batch", (self._batch_size,), "uniform"),
-            smoothing=each("smoothing", (self._batch_size,), "normal").astype(np.float32),
+            smoothing=each("smoothing", (self._smoothing_rows,), "normal").astype(np.float32),
             force=force,
         )
 

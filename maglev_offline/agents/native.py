@@ -62,7 +62,13 @@ class NativeLearner:
         self._arenas = Arenas(len(seeds), self._settings, self.kernel.layout(self._settings))
         self._own = aligned((len(seeds), room, WIDTH), HUGE_PAGE_BYTES)
         self._streams = [
-            DrawStreams([seed], settings.batch_size, mdp.plant_steps_per_decision, mdp.force_noise_std_n)
+            DrawStreams(
+                [seed],
+                settings.batch_size,
+                mdp.plant_steps_per_decision,
+                mdp.force_noise_std_n,
+                smoothed=algorithm == "td3",
+            )
             for seed in seeds
         ]
         self._told = 0

@@ -75,7 +75,13 @@ class TorchLearner:
         if prefill is not None:
             self.buffer.prefill(prefill)
         self.env = SuspensionBatch(plant, mdp, len(block))
-        self.streams = DrawStreams(block, settings.batch_size, mdp.plant_steps_per_decision, mdp.force_noise_std_n)
+        self.streams = DrawStreams(
+            block,
+            settings.batch_size,
+            mdp.plant_steps_per_decision,
+            mdp.force_noise_std_n,
+            smoothed=algorithm == "td3",
+        )
         self.age = np.full(len(block), mdp.decisions_per_episode)
         self.held = np.zeros(len(block))
         self.seen = self.env.observe()

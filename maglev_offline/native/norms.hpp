@@ -89,28 +89,98 @@ MAGLEV_INLINE void each_vector(int width, const Term& term) {
         if (at + part * lanes < width) term(at + part * lanes, part);
 }
 
+// One number for each of R rows.
+template <int R> struct Numbers {
+    float of[R];
+};
+
+template <int R>
+MAGLEV_INLINE Numbers<R> totals(const Sum (&sums)[R]) {
+    Numbers<R> r;
+    MAGLEV_UNROLL
+    for (int i = 0; i < R; ++i) r.of[i] = one(sums[i]);
+    return r;
+}
+
+// R rows of `layer_norm_forward` side by side: the sums of one wait for nothing of the others.
+template <int R>
+MAGLEV_INLINE void layer_norm_rows(
+    float* raw, int width, const float* ones, float share, const float* gain, const float* shift, float* out,
+    int out_stride, float* rate) {
+    Sum sum[R] = {}, squares[R] = {};
+    each_vector(width, [&](int at, int part) {
+        MAGLEV_UNROLL
+        for (int i = 0; i < R; ++i) sum[i].part[part] += load(raw + i * width + at);
+    });
+    const Numbers<R> total = totals(sum);
+    V mean[R], per_sd[R];
+    MAGLEV_UNROLL
+    for (int i = 0; i < R; ++i) mean[i] = splat(total.of[i] * share);
+    each_vector(width, [&](int at, int part) {
+        const V feature = load(ones + at);
+        MAGLEV_UNROLL
+        for (int i = 0; i < R; ++i) {
+            const V away = feature * (load(raw + i * width + at) - mean[i]);
+            store(raw + i * width + at, away);
+            squares[i].part[part] += away * away;
+        }
+    });
+    const Numbers<R> power = totals(squares);
+    MAGLEV_UNROLL
+    for (int i = 0; i < R; ++i) {
+        rate[i] = 1.0f / __builtin_sqrtf(power.of[i] * share + norm_eps);
+        per_sd[i] = splat(rate[i]);
+    }
+    each_vector(width, [&](int at, int) {
+        const V g = load(gain + at), s = load(shift + at);
+        MAGLEV_UNROLL
+        for (int i = 0; i < R; ++i) {
+            const V normal = load(raw + i * width + at) * per_sd[i];
+            store(raw + i * width + at, normal);
+            store(out + i * out_stride + at, relu(normal * g + s));
+        }
+    });
+}
+
 // As `batch_norm_forward`, over the features of each row: `ones` [width] is 1 for a feature and 0 for padding.
 static void layer_norm_forward(
     int rows, float* raw, int width, const float* ones, float share, const float* gain, const float* shift, float* out,
     int out_stride, float* rate) {
-    for (int r = 0; r < rows; ++r) {
-        float* const row = raw + r * width;
-        Sum sum = {}, squares = {};
-        each_vector(width, [&](int at, int part) { sum.part[part] += load(row + at); });
-        const V mean = splat(one(sum) * share);
-        each_vector(width, [&](int at, int part) {
-            const V away = load(ones + at) * (load(row + at) - mean);
-            store(row + at, away);
-            squares.part[part] += away * away;
-        });
-        rate[r] = 1.0f / __builtin_sqrtf(one(squares) * share + norm_eps);
-        const V per_sd = splat(rate[r]);
-        each_vector(width, [&](int at, int) {
-            const V normal = load(row + at) * per_sd;
-            store(row + at, normal);
-            store(out + r * out_stride + at, relu(normal * load(gain + at) + load(shift + at)));
-        });
-    }
+    int r = 0;
+    for (; r + 4 <= rows; r += 4)
+        layer_norm_rows<4>(raw + r * width, width, ones, share, gain, shift, out + r * out_stride, out_stride, rate + r);
+    for (; r < rows; ++r)
+        layer_norm_rows<1>(raw + r * width, width, ones, share, gain, shift, out + r * out_stride, out_stride, rate + r);
+}
+
+// R rows of the slopes of `layer_norm_backward`.
+template <int R>
+MAGLEV_INLINE void layer_norm_slopes(
+    float* d, int d_stride, const float* normal, int width, const float* ones, float share, const float* gain,
+    const float* rate) {
+    Sum sum[R] = {}, product[R] = {};
+    each_vector(width, [&](int at, int part) {
+        const V g = load(gain + at);
+        MAGLEV_UNROLL
+        for (int i = 0; i < R; ++i) {
+            const V inner = load(d + i * d_stride + at) * g;
+            sum[i].part[part] += inner, product[i].part[part] += inner * load(normal + i * width + at);
+        }
+    });
+    const Numbers<R> total = totals(sum), along_total = totals(product);
+    V mean[R], along[R], factor[R];
+    MAGLEV_UNROLL
+    for (int i = 0; i < R; ++i)
+        mean[i] = splat(total.of[i] * share), along[i] = splat(along_total.of[i] * share), factor[i] = splat(rate[i]);
+    each_vector(width, [&](int at, int) {
+        const V g = load(gain + at), feature = load(ones + at);
+        MAGLEV_UNROLL
+        for (int i = 0; i < R; ++i) {
+            float* const slope = d + i * d_stride + at;
+            const V inner = load(slope) * g;
+            store(slope, feature * factor[i] * ((inner - mean[i]) - load(normal + i * width + at) * along[i]));
+        }
+    });
 }
 
 // As `batch_norm_backward`, over the features of each row.
@@ -127,20 +197,11 @@ static void layer_norm_backward(
         store(gain_gradient + at, load(gain_gradient + at) + of_gain);
         store(shift_gradient + at, load(shift_gradient + at) + of_shift);
     }
-    for (int r = 0; r < rows; ++r) {
-        float* const slope = d + r * d_stride;
-        const float* const n = normal + r * width;
-        Sum sum = {}, product = {};
-        each_vector(width, [&](int at, int part) {
-            const V inner = load(slope + at) * load(gain + at);
-            sum.part[part] += inner, product.part[part] += inner * load(n + at);
-        });
-        const V mean = splat(one(sum) * share), along = splat(one(product) * share), factor = splat(rate[r]);
-        each_vector(width, [&](int at, int) {
-            const V inner = load(slope + at) * load(gain + at);
-            store(slope + at, load(ones + at) * factor * ((inner - mean) - load(n + at) * along));
-        });
-    }
+    int r = 0;
+    for (; r + 4 <= rows; r += 4)
+        layer_norm_slopes<4>(d + r * d_stride, d_stride, normal + r * width, width, ones, share, gain, rate + r);
+    for (; r < rows; ++r)
+        layer_norm_slopes<1>(d + r * d_stride, d_stride, normal + r * width, width, ones, share, gain, rate + r);
 }
 
 }  // namespace maglev::MAGLEV_ISA

@@ -165,7 +165,7 @@ void advance(
             gather(seed, replay);
             planned = within + 1 < steps;
             if (planned) plan(seed, replay, head.step + 1, head.added + 1, draws.batch + (within + 1) * s.batch);
-            learn(seed, draws.smoothing + within * s.batch, head.step);
+            learn(seed, s.smoothing ? draws.smoothing + within * s.batch : nullptr, head.step);
         }
         head.step += 1;
     }

@@ -3,8 +3,8 @@ import numpy as np
 from maglev_offline.agents.draws import DrawStreams
 
 
-def streams(seeds, force_std_n=0.0):
-    return DrawStreams(seeds, batch_size=4, plant_steps=3, force_std_n=force_std_n)
+def streams(seeds, force_std_n=0.0, smoothed=True):
+    return DrawStreams(seeds, batch_size=4, plant_steps=3, force_std_n=force_std_n, smoothed=smoothed)
 
 
 def joined(parts):
@@ -22,6 +22,13 @@ def test_a_seed_draws_the_same_whatever_seeds_are_beside_it():
     together, alone = streams([3, 4, 5]).draw(6), streams([4]).draw(6)
     for one, other in zip(together[:-1], alone[:-1], strict=True):
         np.testing.assert_array_equal(one[:, 1], other[:, 0])
+
+
+def test_without_smoothing_none_is_drawn_and_the_rest_stays():
+    with_it, without = streams([3, 4]).draw(6), streams([3, 4], smoothed=False).draw(6)
+    assert without.smoothing.shape == (6, 2, 0)
+    for name in ("start", "exploration", "uniform_action", "batch"):
+        np.testing.assert_array_equal(getattr(with_it, name), getattr(without, name))
 
 
 def test_the_purposes_are_independent_streams():

@@ -73,9 +73,9 @@ def frame_of(run, every, plant, *, noise=0.0):
 
 
 def excited_run(plant, *, hold_ms=1.0, seconds=8.0, magnets=4, reach=None):
-    """Magnets that follow a moving set-point, Runge-Kutta at a tenth of the period for which the voltage is held."""
+    """Magnets that follow a moving set-point, Runge-Kutta at a quarter of the period for which the voltage is held."""
     train = plant.mass_kg > 1
-    mdp = Mdp(plant_step_ms=min(1.0, hold_ms / 10), voltage_limit_v=400 if train else 40, integrator="rk4")
+    mdp = Mdp(plant_step_ms=min(1.0, hold_ms / 4), voltage_limit_v=400 if train else 40, integrator="rk4")
     weights = LqiWeights() if train else LqiWeights(gap_per_m2=1e7, velocity_s2_per_m2=1e4, integral_per_m2_s2=1e4)
     if train:
         weights = LqiWeights(gap_per_m2=3e9, velocity_s2_per_m2=1e6)

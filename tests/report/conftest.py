@@ -23,7 +23,7 @@ from maglev_offline.workspace import Workspace
 
 RECIPE = Recipe(
     name="tiny",
-    surrogate=SurrogateSettings(logs=2, points=2, duration_s=120),
+    surrogate=SurrogateSettings(logs=2, points=2, duration_s=60),
     curate=CurateSettings(target_rows=300),
     training=TrainingSettings(
         seeds=3, block=4, steps=400, exploratory_steps=100, batch_size=16, hidden=(8, 8), buffer_capacity=2000

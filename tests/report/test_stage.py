@@ -6,15 +6,18 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from markupsafe import Markup
 
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.curate.stage import curate
 from maglev_offline.errors import ArtefactError
 from maglev_offline.physics.parameters import Plant
+from maglev_offline.report import stage
 from maglev_offline.report.evidence import gather
 from maglev_offline.report.numbers import interval, number, whole
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.stage import build_report
+from maglev_offline.report.svg import inline_svg
 from maglev_offline.workspace import Manifest, Workspace, sha256_of
 
 FIGURES = (
@@ -25,15 +28,36 @@ FIGURES = (
 SECTIONS = ("origin", "trajectories", "coverage", "prefill", "plant", "regulation", "curves", "verdict", "recipe")
 
 
-def build(workspace, recipe, **changes):
-    return build_report(workspace, ReportSettings(**changes), recipe.plain(), recipe.name)
+def build(workspace, recipe, drawn=FIGURES, **changes):
+    """The report. To draw is most of the work: figures not in `drawn` stay blank.
+
+    `page` has all of them drawn; a test of the words draws those that look different in its workspace.
+    """
+
+    def draw(figure, key):
+        return inline_svg(figure, key) if key in drawn else Markup('<svg viewBox="0 0 1 1"></svg>')
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stage, "inline_svg", draw)
+        return build_report(workspace, ReportSettings(**changes), recipe.plain(), recipe.name)
 
 
 @pytest.fixture(scope="module")
-def page(made, recipe, read_page, tmp_path_factory):
+def reported(made, recipe, tmp_path_factory):
+    """A copy of the finished workspace with its report, to look at only."""
     workspace = Workspace(Path(shutil.copytree(made, tmp_path_factory.mktemp("page") / "workspace")))
-    path, fresh = build(workspace, recipe)
+    _, fresh = build(workspace, recipe)
     assert fresh
+    return workspace
+
+
+@pytest.fixture(scope="module")
+def path(reported):
+    return reported.path("report", stage.PAGE)
+
+
+@pytest.fixture(scope="module")
+def page(path, read_page):
     return read_page(path)
 
 
@@ -44,14 +68,13 @@ def test_page_is_well_formed(page):
     assert set(inside) <= set(page.ids)
 
 
-def test_page_needs_nothing_else(page, made, recipe, tmp_path):
+def test_page_needs_nothing_else(page, path, reported):
     assert all(reference.startswith(("#", "data:image/png;base64,")) for reference in page.references)
     assert not {"script", "link", "iframe", "object", "img"} & {tag for tag, _ in page.tags}
-    workspace = Workspace(Path(shutil.copytree(made, tmp_path / "workspace")))
-    text = build(workspace, recipe)[0].read_text()
+    text = path.read_text()
     assert "http" not in text
     assert "@import" not in text
-    assert str(tmp_path) not in text
+    assert str(reported.root.parent) not in text
     assert len(text.encode()) < 3_000_000
 
 
@@ -113,35 +136,33 @@ def test_every_artefact_hash_and_recipe_number_is_there(page, made):
     assert "[surrogate.sensors]" in page.text
 
 
-def test_second_run_does_nothing_and_another_workspace_gets_the_same_bytes(made, recipe, tmp_path):
-    pages = []
-    for name in ("a", "b"):
-        workspace = Workspace(Path(shutil.copytree(made, tmp_path / name)))
-        path, fresh = build(workspace, recipe)
-        assert fresh
-        assert not build(workspace, recipe)[1]
-        assert build(workspace, recipe, title="Another")[1]
-        path, fresh = build(workspace, recipe)
-        assert fresh
-        pages.append((path.read_bytes(), (path.parent / "manifest.json").read_bytes()))
-    assert pages[0] == pages[1]
+def test_second_run_does_nothing_and_another_workspace_gets_the_same_bytes(reported, recipe, tmp_path):
+    workspace = Workspace(Path(shutil.copytree(reported.root, tmp_path / "another")))
+    assert not build(workspace, recipe)[1]
+    assert build(workspace, recipe, drawn=(), title="Another")[1]
+    path, fresh = build(workspace, recipe)
+    assert fresh
+    for name in (stage.PAGE, "manifest.json"):
+        assert (path.parent / name).read_bytes() == reported.path("report", name).read_bytes()
 
 
 @pytest.mark.parametrize(
-    ("missing", "section", "command"),
+    ("missing", "section", "command", "drawn"),
     [
-        (("transfer",), "verdict", "maglev-offline transfer"),
-        (("transfer", "training"), "curves", "maglev-offline transfer"),
-        (("control",), "regulation", "maglev-offline control"),
-        (("prefill",), "prefill", "maglev-offline prefill"),
-        (("transitions",), "coverage", "maglev-offline curate"),
-        (("samples",), "origin", "maglev-offline ingest"),
+        (("transfer",), "verdict", "maglev-offline transfer", ("curves",)),
+        (("transfer", "training"), "curves", "maglev-offline transfer", ("regulation",)),
+        (("control",), "regulation", "maglev-offline control", ("regulation",)),
+        (("prefill",), "prefill", "maglev-offline prefill", ()),
+        (("transitions",), "coverage", "maglev-offline curate", ()),
+        (("samples",), "origin", "maglev-offline ingest", ()),
     ],
 )
-def test_missing_artefact_becomes_a_sentence_with_its_command(workspace, recipe, read_page, missing, section, command):
+def test_missing_artefact_becomes_a_sentence_with_its_command(
+    workspace, recipe, read_page, missing, section, command, drawn
+):
     for name in missing:
         shutil.rmtree(workspace.path(name))
-    path, _ = build(workspace, recipe)
+    path, _ = build(workspace, recipe, drawn)
     page = read_page(path)
     assert page.errors == []
     assert command in page.text
@@ -179,14 +200,14 @@ def edit(folder, **tables):
 
 def test_doubts_are_told_in_the_head(workspace, recipe, read_page):
     edit(workspace.path("transitions"), facts={"doubts": ["the logged <gap> (median 0.8 m) does not fit"]})
-    text = read_page(build(workspace, recipe)[0]).text
+    text = read_page(build(workspace, recipe, drawn=())[0]).text
     assert "To be doubted: the logged <gap> (median 0.8 m) does not fit" in text
     assert text.index("To be doubted") < text.index("The logs, how many of their messages")
 
 
 def test_artefacts_of_another_recipe_are_named_with_their_tables(workspace, recipe, read_page):
     other = recipe.model_copy(update={"plant": Plant(mass_kg=650), "curate": CurateSettings(target_rows=301)})
-    text = read_page(build(workspace, other)[0]).text
+    text = read_page(build(workspace, other, drawn=())[0]).text
     told = text.split("Made with other tables than those of the recipe that this page shows:")[1].split("\n")[0]
     assert "transitions ([curate], [plant])" in told or "transitions ([plant], [curate])" in told
     assert "control ([plant])" in told
@@ -209,7 +230,7 @@ def test_how_the_engine_was_asked_for_makes_no_other_recipe(workspace, recipe):
 def test_logs_that_are_not_in_the_transitions_are_named_and_marked_in_their_table(workspace, recipe, read_page):
     one, other = workspace.list("samples")
     curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=[one])
-    page = read_page(build(workspace, recipe)[0])
+    page = read_page(build(workspace, recipe, drawn=("coverage",))[0])
     assert f"not in the transitions that this page is about: samples/{other.name}." in page.text
     head = next(row for row in page.rows if row[-1] == "curated")
     rows = page.rows[page.rows.index(head) + 1 :][:2]
@@ -222,9 +243,9 @@ def test_logs_that_are_not_in_the_transitions_are_named_and_marked_in_their_tabl
 def test_recipe_without_agents_asks_for_none(workspace, recipe, read_page):
     for name in ("transfer", "training", "prefill"):
         shutil.rmtree(workspace.path(name))
-    plain = recipe.plain()
-    plain["training"]["algorithms"] = []
-    path, _ = build_report(workspace, ReportSettings(), plain, "data only")
+    training = recipe.training.model_copy(update={"algorithms": ()})
+    data_only = recipe.model_copy(update={"training": training, "name": "data only"})
+    path, _ = build(workspace, data_only, drawn=("regulation",))
     text = read_page(path).text
     assert "The recipe trains no agent" in text
     assert "maglev-offline transfer" not in text
@@ -249,14 +270,14 @@ def test_hostile_names_are_escaped(workspace, recipe, read_page):
 def test_results_older_than_their_inputs_are_called_so(workspace, recipe, read_page):
     path = workspace.path("transitions", "manifest.json")
     path.write_text(path.read_text() + " ")
-    page = read_page(build(workspace, recipe)[0])
+    page = read_page(build(workspace, recipe, drawn=())[0])
     assert "Older than what they were made from" in page.text
     assert "prefill/ddpg" in page.text.split("Older than")[1][:200]
 
 
 def test_example_log_is_chosen_by_name(workspace, recipe, read_page):
     second = workspace.list("samples")[1]
-    text = read_page(build(workspace, recipe, example_log=second.name)[0]).text
+    text = read_page(build(workspace, recipe, ("trajectory-1",), example_log=second.name)[0]).text
     assert f"From samples/{second.name}" in text
-    text = read_page(build(workspace, recipe, example_log="no such log")[0]).text
+    text = read_page(build(workspace, recipe, (), example_log="no such log")[0]).text
     assert "There is no log “no such log”" in text
