@@ -38,6 +38,8 @@ REASONS = {
     "contact": "The magnet stays in contact with a mechanical stop, where the plant is another one.",
     "lone_sample": "The sample is alone in its segment and can be part of no transition.",
     "voltage_outside_limit": "The logged voltage is larger than the agent's limit, so that it is no action of its.",
+    "shorter_than_a_decision": "The two samples are closer than a control period: no decision lies between them.",
+    "inconsistent_with_simulator": "The recipe keeps a share of the rows, and the simulator explains others better.",
     "not_selected_by_balance": "The cell of the state-action space has given its share already.",
     "held_out_for_validation": "The row belongs to a log that is held out for validation.",
     "over_prefill_rows": "The recipe asks for fewer rows.",
