@@ -15,7 +15,7 @@ QUICKSTART = Path(__file__).parents[1] / "pipelines" / "quickstart.toml"
 @pytest.mark.study
 @pytest.mark.parametrize("algorithm", ["ddpg", "td3"])
 def test_an_empty_buffer_learns_to_hold_the_gap_in_twenty_thousand_decisions(tmp_path, algorithm):
-    """16 seeds of the quick start's recipe: every run reaches the threshold, the median is near the LQR."""
+    """16 seeds of the quick start's recipe: every run reaches the threshold, and they regulate, for less than the LQR."""
     recipe = load_recipe(QUICKSTART)
     world = recipe.world._replace(training=recipe.training.model_copy(update={"seeds": 16}))
     arm = Arm(algorithm, "empty", None)
@@ -26,5 +26,5 @@ def test_an_empty_buffer_learns_to_hold_the_gap_in_twenty_thousand_decisions(tmp
     print(last[["seed", "cost", "worst_error_m", "settling_time_s"]].to_string())
     assert not last["diverged"].any()
     assert (curves.groupby("seed")["cost"].min() < recipe.transfer.threshold_over_lqr * lqr).all()
-    assert last["cost"].median() < 1.1 * lqr
-    assert (last["worst_error_m"] <= 0.5e-3).mean() >= 0.25
+    assert last["cost"].median() < 0.8 * lqr
+    assert (last["worst_error_m"] <= 0.5e-3).mean() >= 0.9
