@@ -15,7 +15,7 @@ QUICKSTART = Path(__file__).parents[1] / "pipelines" / "quickstart.toml"
 @pytest.mark.study
 @pytest.mark.parametrize("algorithm", ["ddpg", "td3"])
 def test_an_empty_buffer_learns_to_hold_the_gap_in_twenty_thousand_decisions(tmp_path, algorithm):
-    """16 seeds of the quick start's recipe: every run reaches the threshold, and they regulate, for less than the LQR."""
+    """16 seeds of the quick start: every run reaches the threshold, and they regulate, for less than the LQR."""
     recipe = load_recipe(QUICKSTART)
     world = recipe.world._replace(training=recipe.training.model_copy(update={"seeds": 16}))
     arm = Arm(algorithm, "empty", None)
