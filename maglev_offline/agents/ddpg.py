@@ -60,7 +60,7 @@ def actor_loss(actor: Network, critic: Network, batch: Batch, settings: Training
     """What the actor goes down, summed over the seeds: mean Z(s, pi(s)), and two pulls if asked for.
 
     Where pi = tanh(x) saturates it has no gradient, and a policy that did so everywhere would stay so: beyond |x| = 3
-    the actor is pulled back, as Andrychowicz et al. (2017, App. A) do with all of x:
+    the actor is pulled back, after the penalty on all of x of Andrychowicz et al. (2017):
 
         + v mean max(|x| - 3, 0)^2                                       v: `saturation_weight`
 

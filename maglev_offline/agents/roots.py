@@ -4,7 +4,7 @@ The cost is quadratic, so its values span five powers of ten between the end of 
 the values themselves spends itself on the far states, and its errors near the set-point are the policy's bias. The root
 is nearly linear in the distance, which layers of ReLUs follow at every scale. The policy that is best under q is best
 under h(q), and where the next state is certain the Bellman equation keeps its solution, as for the squashed values of
-Pohlen et al. (2018, Prop. 3.1). `e`, in units of the cost, rounds the tip of the cone; 0 stands for no root at all.
+Pohlen et al. (2018). `e`, in units of the cost, rounds the tip of the cone; 0 stands for no root at all.
 """
 
 from torch import Tensor
