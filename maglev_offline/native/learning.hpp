@@ -92,7 +92,7 @@ MAGLEV_INLINE V expand(V z, float offset) {
     return signed_as(size * (size + 2.0f * __builtin_sqrtf(offset)), z);
 }
 
-// y = c + d max_j Qj'(s', u')
+// y = h(c + d h^-1(max_j Zj'(s', u')))
 static void set_targets(const Seed& seed, const float* noise) {
     const Settings& s = seed.s;
     const Layout& at = seed.at;

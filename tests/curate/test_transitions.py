@@ -4,7 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maglev_offline.curate.transitions import NEXT_STATE, STATE, transitions_of, unusable
+from maglev_offline.curate.constructions.raw import raw_rows
+from maglev_offline.curate.pairs import pairs_of
+from maglev_offline.curate.transitions import NEXT_STATE, STATE, unusable
 from maglev_offline.mdp import Mdp, row_cost
 from maglev_offline.physics.parameters import Plant
 
@@ -12,7 +14,7 @@ PLANT, MDP = Plant(), Mdp()
 
 
 def make(*segments, mdp=MDP):
-    return transitions_of(pd.concat(segments, ignore_index=True), PLANT, mdp)
+    return raw_rows(pairs_of(pd.concat(segments, ignore_index=True), PLANT), PLANT, mdp)
 
 
 def test_the_next_state_is_the_next_sample_of_the_segment(samples_of):
