@@ -29,6 +29,7 @@ from maglev_offline.transfer.settings import TransferSettings
 
 if TYPE_CHECKING:
     from maglev_offline.agents.stage import World
+    from maglev_offline.transfer.arm_rows import Sources
 
 
 class Recipe(Settings):
@@ -63,6 +64,13 @@ class Recipe(Settings):
         from maglev_offline.agents.stage import World  # it brings pandas, and most commands do not train
 
         return World(self.plant, self.mdp, self.training, self.evaluation)
+
+    @property
+    def sources(self) -> "Sources":
+        """The tables that the rows of a study's arms depend on, beside the world."""
+        from maglev_offline.transfer.arm_rows import Sources
+
+        return Sources(self.curate, self.prefill, self.control)
 
     @property
     def request(self) -> Request:

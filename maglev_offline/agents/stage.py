@@ -26,11 +26,15 @@ if TYPE_CHECKING:  # torch takes seconds to import, and a finished study does no
 
 
 class Arm(NamedTuple):
-    """One arm of a study: an algorithm, the arm's name, and the prefill artefact it starts from, if any."""
+    """One arm of a study: an algorithm, the arm's name, and the prefill artefact it starts from, if any.
+
+    `training`: how this arm learns, where it is otherwise than the world says; steps and seeds are the world's.
+    """
 
     algorithm: Algorithm
     name: str
     prefill: Path | None
+    training: TrainingSettings | None = None
 
     @property
     def title(self) -> str:
@@ -56,6 +60,7 @@ class _Task(NamedTuple):
     mark: str
     inputs: dict[str, str]
     engine: Choice
+    training: TrainingSettings
     threads: int = 1
     from_step: int = 0
     events: Path | None = None
@@ -110,7 +115,8 @@ def _tasks(workspace: Workspace, arm: Arm, world: World, engine: Choice) -> list
     seeds, block = world.training.seed_list, world.training.block
     inputs = {} if arm.prefill is None else {f"prefill/{arm.prefill.name}": input_hash(arm.prefill)}
     # What the block depends on is its own seeds, not how many there are in the study, and the engine that is taken.
-    shared = world.training.model_copy(
+    training = arm.training or world.training
+    shared = training.model_copy(
         update={"seeds": 1, "first_seed": 0, "algorithms": (arm.algorithm,), "engine": "auto", "checkpoint_every": 1}
     )
     tasks = []
@@ -121,7 +127,7 @@ def _tasks(workspace: Workspace, arm: Arm, world: World, engine: Choice) -> list
             "train", inputs, world.plant, world.mdp, shared, world.evaluation,
             algorithm=arm.algorithm, arm=arm.name, seeds=group, engine=engine.engine,
         )  # fmt: skip
-        tasks.append(_Task(arm, group, folder, mark, inputs, engine))
+        tasks.append(_Task(arm, group, folder, mark, inputs, engine, training))
     return tasks
 
 
@@ -182,7 +188,7 @@ def _train(number: int, task: _Task, world: World, tick: FileTicker) -> tuple[in
             task.seeds,
             world.plant,
             world.mdp,
-            world.training,
+            task.training,
             world.evaluation,
             rows,
             tick,
@@ -198,7 +204,8 @@ def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained) -
     from safetensors.numpy import save_file
 
     manifest = Manifest(f"training/{task.arm.title}/{task.folder.name}", task.mark, task.inputs)
-    manifest.settings = {name: table.model_dump(mode="json") for name, table in world._asdict().items()}
+    tables = world._replace(training=task.training)._asdict()
+    manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
     manifest.counts = {"seeds": len(task.seeds), "steps": world.training.steps, "evaluations": len(trained.curves)}
     manifest.facts = {
         "algorithm": task.arm.algorithm,

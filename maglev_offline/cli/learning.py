@@ -1,6 +1,6 @@
 """Commands on the plant and on learning: control, identify, train, transfer."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -21,6 +21,8 @@ from maglev_offline.cli.options import (
 
 Seeds = Annotated[int | None, typer.Option("--seeds", min=1, help="Seeds in each arm. [default: the recipe's]")]
 Steps = Annotated[int | None, typer.Option("--steps", min=1, help="Decisions in a run. [default: the recipe's]")]
+
+FailOnTransfer = Literal["never", "negative"]
 
 EngineOption = Annotated[
     str | None,
@@ -116,7 +118,9 @@ def identify(
 
 def train(
     algo: Annotated[str | None, typer.Option("--algo", help="ddpg or td3. [default: those of the recipe]")] = None,
-    arm: Annotated[str, typer.Option("--arm", help="empty, or prefill: start from the logged rows.")] = "empty",
+    arm: Annotated[
+        str, typer.Option("--arm", help="empty, prefill (start from the logged rows), or another of the recipe's arms.")
+    ] = "empty",
     seeds: Seeds = None,
     steps: Steps = None,
     engine: EngineOption = None,
@@ -147,6 +151,12 @@ def transfer(
     seeds: Seeds = None,
     steps: Steps = None,
     engine: EngineOption = None,
+    fail_on: Annotated[
+        FailOnTransfer, typer.Option("--fail-on", help="negative: exit code 2 where an arm has negative transfer.")
+    ] = "never",
+    power: Annotated[
+        bool, typer.Option("--power", help="Say how many seeds show the smallest effect of interest, instead.")
+    ] = False,
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
@@ -154,12 +164,18 @@ def transfer(
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Train all arms that are missing, compare them seed by seed, and say whether prefill helps or harms."""
+    """Train all arms that are missing, compare them seed by seed, and say whether prefill helps or harms.
+
+    Exit code 2 with --fail-on negative, where an arm harms an algorithm in the recipe's primary metric.
+    """
     from maglev_offline import pipeline
+    from maglev_offline.transfer.words import negative_arms
 
     session = _resized(open_session(recipe, workspace, as_json, quiet, plant), seeds, steps)
     session = with_options(session, "training", engine=engine)
     with session.at_work("transfer"):
-        done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk)
+        done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk, power=power)
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
+    if fail_on == "negative" and negative_arms(done.data["verdict"]):
+        raise typer.Exit(2)

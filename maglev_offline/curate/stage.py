@@ -36,11 +36,13 @@ def curate(
     mdp: Mdp,
     *,
     folders: Sequence[Path] | None = None,
+    home: Path | None = None,
     progress: Progress = SILENT,
 ) -> tuple[Path, bool]:
     """Make the `transitions` artefact from samples; return its folder and whether anything was done.
 
-    `folders`: the samples artefacts to take; all of the workspace, where it is not given.
+    `folders`: the samples artefacts to take; all of the workspace, where it is not given. `home`: another place for
+    the artefact, below the workspace.
 
     The folder holds `transitions.parquet` (the curated set, from the logs for training) and `candidates.parquet` (every
     usable transition of all logs), so that nothing that balance left out is lost.
@@ -57,7 +59,7 @@ def curate(
             todo="Run `maglev-offline ingest LOGS...` first.",
         )
     inputs = {f"samples/{folder.name}": workspace.input_hash(folder) for folder in folders}
-    home = workspace.path("transitions")
+    home = home or workspace.path("transitions")
     mark = fingerprint("curate", inputs, settings, plant, mdp)
     if workspace.is_current(home, mark):
         return home, False
@@ -74,7 +76,7 @@ def curate(
     for doubt in doubts:
         progress.warn(doubt)
 
-    manifest = Manifest("transitions", mark, inputs)
+    manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
     tables = {"curate": settings, "plant": plant, "mdp": mdp}
     manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
     manifest.counts = {

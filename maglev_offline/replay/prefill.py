@@ -64,15 +64,25 @@ def scaled(transitions: pd.DataFrame, mdp: Mdp) -> Columns:
 
 
 def make_prefill(
-    workspace: Workspace, algorithm: str, settings: PrefillSettings, plant: Plant, mdp: Mdp
+    workspace: Workspace,
+    algorithm: str,
+    settings: PrefillSettings,
+    plant: Plant,
+    mdp: Mdp,
+    *,
+    source: Path | None = None,
+    home: Path | None = None,
 ) -> tuple[Path, bool]:
     """Make the artefact `prefill/<algorithm>` from the curated transitions; return its folder and whether it is new.
+
+    `source`, `home`: other transitions than the workspace's, and another place for the artefact, below the workspace.
 
     Raises
     ------
     ArtefactError: there are no curated transitions, or they were made with another plant or decision process.
     """
-    source = workspace.path("transitions")
+    source = source or workspace.path("transitions")
+    home = home or workspace.path("prefill", algorithm)
     if not (source / "manifest.json").is_file():
         raise ArtefactError(
             "there are no curated transitions in the workspace.",
@@ -86,20 +96,19 @@ def make_prefill(
             where=str(source),
             todo="Run `maglev-offline curate` with this recipe, then prefill again.",
         )
-    inputs = {"transitions": input_hash(source)}
-    home = workspace.path("prefill", algorithm)
+    inputs = {source.relative_to(workspace.root).as_posix(): input_hash(source)}
     mark = fingerprint("prefill", inputs, settings, mdp, algorithm=algorithm, layout=LAYOUT)
     if workspace.is_current(home, mark):
         return home, False
 
-    table = _read_transitions(source)
+    table = read_transitions(source)
     slots = np.arange(len(table))
     if settings.rows is not None and settings.rows < len(slots):
         slots = np.sort(stream(settings.seed, "prefill: rows").choice(slots, settings.rows, replace=False))
     columns = scaled(table.iloc[slots], mdp)
     columns["transition_row"] = slots.astype(np.int64)
 
-    manifest = Manifest(f"prefill/{algorithm}", mark, inputs)
+    manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
     manifest.settings = {"prefill": settings.model_dump(mode="json"), "mdp": mdp.model_dump(mode="json")}
     manifest.counts = {"transitions": len(table), "rows": len(slots)}
     manifest.left_out = {"over_prefill_rows": len(table) - len(slots)}
@@ -114,7 +123,8 @@ def make_prefill(
     return home, True
 
 
-def _read_transitions(source: Path) -> pd.DataFrame:
+def read_transitions(source: Path) -> pd.DataFrame:
+    """Read the curated rows of an artefact of transitions; raises ArtefactError where they cannot be read."""
     try:
         return pd.read_parquet(source / "transitions.parquet")
     except (OSError, ValueError) as error:

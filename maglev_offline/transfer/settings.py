@@ -1,17 +1,48 @@
 """The `[transfer]` table of a recipe: stated, and hashed, before the runs."""
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
 from maglev_offline.settings import Settings
 
-ArmName = Literal["empty", "prefill"]
 MetricName = Literal["jumpstart", "asymptote", "area", "time_to_threshold"]
+RowsFrom = Literal["nothing", "log", "shuffled", "random_policy", "pid"]
+
+
+class ArmSettings(Settings):
+    """`[transfer.arm.NAME]`: one arm, by what differs from the recipe.
+
+    `rows`: what the buffer starts with. `log`: the curated transitions; `shuffled`: the same, each with the voltage of
+    another one; `random_policy`, `pid`: as many rows of that policy in the simulator; `nothing`: an empty buffer.
+    `curate` and `training`: keys of those tables that are others in this arm.
+    """
+
+    rows: RowsFrom = "log"
+    curate: dict[str, Any] = Field(default_factory=dict)
+    training: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _curates_what_there_is(self) -> "ArmSettings":
+        if self.curate and self.rows not in ("log", "shuffled"):
+            raise ValueError(f"rows = {self.rows!r} takes nothing from the logs, so there is nothing to curate")
+        return self
+
+
+BUILT_IN: dict[str, ArmSettings] = {
+    "empty": ArmSettings(rows="nothing"),
+    "prefill": ArmSettings(),
+    "shuffled": ArmSettings(rows="shuffled"),
+    "random_policy": ArmSettings(rows="random_policy"),
+    "pid": ArmSettings(rows="pid"),
+}
+"""Arms that every recipe may name without describing them."""
 
 
 class TransferSettings(Settings):
     """What is compared, and how a difference is judged.
+
+    `arms`: names of `BUILT_IN`, or of an `[transfer.arm.NAME]` of the recipe's own.
 
     `primary_metric`: the one that the answer is about; the others are reported beside it, as exploration.
 
@@ -23,7 +54,8 @@ class TransferSettings(Settings):
 
     baseline: Literal["empty"] = "empty"
     primary_metric: MetricName = "area"
-    arms: tuple[ArmName, ...] = ("empty", "prefill")
+    arms: tuple[str, ...] = ("empty", "prefill")
+    arm: dict[str, ArmSettings] = Field(default_factory=dict)
     first_evaluations: int = Field(default=3, ge=1)
     last_evaluations: int = Field(default=5, ge=1)
     threshold_over_lqr: float = Field(default=1.5, gt=1)
@@ -32,3 +64,25 @@ class TransferSettings(Settings):
     confidence: float = Field(default=0.95, gt=0.5, lt=1)
     resamples: int = Field(default=10_000, ge=100)
     seed: int = Field(default=0, ge=0)
+
+    @field_validator("arm")
+    @classmethod
+    def _names_are_free(cls, arm: dict[str, ArmSettings]) -> dict[str, ArmSettings]:
+        for name in arm:
+            if name in BUILT_IN:
+                raise ValueError(f"the arm {name!r} is built in, give yours another name")
+            if not name.replace("_", "").replace("-", "").isalnum() or not name.isascii():
+                raise ValueError(f"the arm {name!r} names a folder: give it letters, digits, '_' and '-' only")
+        return arm
+
+    @model_validator(mode="after")
+    def _arms_are_known(self) -> "TransferSettings":
+        for name in self.arms:
+            if name not in self.known_arms:
+                raise ValueError(f"there is no arm {name!r}, only {', '.join(self.known_arms)}")
+        return self
+
+    @property
+    def known_arms(self) -> dict[str, ArmSettings]:
+        """All arms that can be named, by their names."""
+        return BUILT_IN | self.arm

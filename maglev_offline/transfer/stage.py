@@ -14,19 +14,21 @@ from maglev_offline.control.reference import classical_reference_cost
 from maglev_offline.control.settings import ControlSettings
 from maglev_offline.errors import InputError
 from maglev_offline.progress import SILENT, Progress
-from maglev_offline.replay.prefill import make_prefill
-from maglev_offline.replay.settings import PrefillSettings
 from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
 from maglev_offline.transfer import metrics
-from maglev_offline.transfer.settings import ArmName, TransferSettings
+from maglev_offline.transfer.arm_rows import Sources, diagnostics, prefill_of
+from maglev_offline.transfer.arms import plan_of
+from maglev_offline.transfer.foretelling import foretelling
+from maglev_offline.transfer.multiple import holm
+from maglev_offline.transfer.settings import TransferSettings
 from maglev_offline.transfer.verdict import paired_effect
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
 
 Array = NDArray[np.float64]
 
-INTERVAL = "BCa, expanded"
-"""How intervals are made; part of the fingerprint, so that a verdict of another rule is judged again."""
+STATISTICS = "BCa, expanded; Holm"
+"""How differences are judged; part of the fingerprint, so that a verdict of another rule is judged again."""
 
 METRICS = ("jumpstart", "asymptote", "area", "time_to_threshold")
 
@@ -35,26 +37,29 @@ def arms_of(
     workspace: Workspace,
     world: World,
     algorithms: Iterable[Algorithm],
-    names: Iterable[ArmName],
-    prefill: PrefillSettings,
+    names: Iterable[str],
+    settings: TransferSettings,
+    sources: Sources,
 ) -> list[Arm]:
-    """The arms of these names for these algorithms, with the prefill artefact of each made where it is missing."""
-    arms = []
-    for algorithm in dict.fromkeys(algorithms):
-        for name in dict.fromkeys(names):
-            folder = None
-            if name == "prefill":
-                folder, _ = make_prefill(workspace, algorithm, prefill, world.plant, world.mdp)
-            arms.append(Arm(algorithm, name, folder))
-    return arms
+    """The arms of these names for these algorithms, with the prefill artefact of each made where it is missing.
+
+    Raises
+    ------
+    RecipeError: an arm that is not known, or one whose own keys cannot be.
+    """
+    plans = [plan_of(name, settings, sources.curate, world.training) for name in dict.fromkeys(names)]
+    return [
+        Arm(algorithm, plan.name, prefill_of(workspace, plan, algorithm, world, sources), plan.training)
+        for algorithm in dict.fromkeys(algorithms)
+        for plan in plans
+    ]
 
 
 def run_transfer(
     workspace: Workspace,
     world: World,
     settings: TransferSettings,
-    prefill: PrefillSettings,
-    control: ControlSettings,
+    sources: Sources,
     *,
     jobs: int = 1,
     progress: Progress = SILENT,
@@ -74,16 +79,26 @@ def run_transfer(
     if not world.training.algorithms:
         raise InputError("the recipe trains no algorithm.", where="[training] algorithms", todo="Name ddpg or td3.")
     _check_windows(world, settings)
-    arms = arms_of(workspace, world, world.training.algorithms, settings.arms, prefill)
+    arms = arms_of(workspace, world, world.training.algorithms, settings.arms, settings, sources)
     folders, _ = train_arms(workspace, arms, world, jobs=jobs, progress=progress)
     inputs = {f"training/{arm.title}/{folder.name}": input_hash(folder) for arm in arms for folder in folders[arm]}
     home = workspace.path("transfer")
-    mark = fingerprint("transfer", inputs, settings, control, *world, interval=INTERVAL)
+    mark = fingerprint("transfer", inputs, settings, sources.control, *world, statistics=STATISTICS)
     if workspace.is_current(home, mark):
         return home, False
 
     curves = pd.concat([load_curves(folders[arm]) for arm in arms], ignore_index=True)
-    table, verdict = _judged(curves, world, settings, control)
+    table, verdict = _judged(curves, world, settings, sources.control)
+    plans = [plan_of(name, settings, sources.curate, world.training) for name in settings.arms]
+    verdict["rows"] = diagnostics(workspace, plans, world, sources)
+    verdict["foretelling"] = foretelling(
+        verdict["rows"],
+        verdict["algorithms"],
+        settings.primary_metric,
+        settings.confidence,
+        settings.resamples,
+        stream(settings.seed, "bootstrap foretelling"),
+    )
     manifest = Manifest("transfer", mark, inputs)
     manifest.settings = {
         "transfer": settings.model_dump(mode="json"),
@@ -111,16 +126,35 @@ def _judged(
     table = seed_metrics(curves, world, settings, threshold)
     margins = dict.fromkeys(METRICS, settings.equivalence_share * reference["lqr_held"])
     margins["time_to_threshold"] = settings.equivalence_share * world.training.steps
+    algorithms = {
+        algorithm: compare(table[table["algorithm"] == algorithm], settings, margins)
+        for algorithm in world.training.algorithms
+    }
+    correct(algorithms, settings.confidence)
+    for found in algorithms.values():
+        for facts in found["arms"].values():
+            facts["regret"] = {name: facts["mean_area"] - cost for name, cost in reference.items()}
     return table, {
         "direction": "costs: a positive difference (empty minus prefill) means that prefill helps",
         "reference_cost": reference,
         "threshold_cost": threshold,
         "primary_metric": settings.primary_metric,
-        "algorithms": {
-            algorithm: compare(table[table["algorithm"] == algorithm], settings, margins)
-            for algorithm in world.training.algorithms
-        },
+        "algorithms": algorithms,
     }
+
+
+def correct(algorithms: Mapping[Algorithm, dict[str, Any]], confidence: float) -> None:
+    """Add to every effect its p-value after Holm's correction over all algorithms, arms and metrics of the study."""
+    effects = {
+        (algorithm, arm, metric): effect
+        for algorithm, found in algorithms.items()
+        for arm, metrics_of in found["effects"].items()
+        for metric, effect in metrics_of.items()
+    }
+    adjusted = holm({key: effect["p_value"] for key, effect in effects.items()})
+    for key, effect in effects.items():
+        effect["p_value_holm"] = adjusted[key]
+        effect["holds_after_holm"] = adjusted[key] <= 1 - confidence
 
 
 def _check_windows(world: World, settings: TransferSettings) -> None:
@@ -198,6 +232,7 @@ def _arm_facts(group: pd.DataFrame) -> dict[str, Any]:
         "share_within_half_mm": float((group["final_worst_error_m"] <= 0.5e-3).mean()),
         "share_settled": float(group["final_settling_time_s"].notna().mean()),
         "median_final_worst_error_m": float(group["final_worst_error_m"].median()),
+        "mean_area": float(group["area"].mean()),
         "mean_drift": float(group["drift"].mean()),
         "diverged": int(group["diverged"].sum()),
     }

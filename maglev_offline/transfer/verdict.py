@@ -6,6 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from maglev_offline.transfer.distributions import interquartile_mean, interquartile_mean_interval
+from maglev_offline.transfer.multiple import sign_flip_p
+from maglev_offline.transfer.power import detectable, seeds_needed
+
 Array = NDArray[np.float64]
 
 Verdict = Literal["positive", "negative", "equivalent", "inconclusive"]
@@ -14,8 +18,10 @@ Verdict = Literal["positive", "negative", "equivalent", "inconclusive"]
 class Effect(NamedTuple):
     """What prefill changed in one metric: differences are baseline - arm of costs, so positive means it helps.
 
-    `probability_better`: share of the seeds for which the arm is better, ties counted half. `detectable`: the
-    smallest mean difference that so many seeds show with a power of 80 % at this confidence (paired t test).
+    `interquartile`: the interquartile mean of the differences, and its interval. `probability_better`: share of the
+    seeds for which the arm is better, ties counted half. `p_value`: of the mean, by changes of sign. `detectable`: the
+    smallest mean difference that so many seeds show with a power of 80 % at this confidence (paired t test);
+    `seeds_needed`: how many would show one of the size of the margin, None where more than 10,000.
     """
 
     difference: float
@@ -23,8 +29,13 @@ class Effect(NamedTuple):
     high: float
     baseline_mean: float
     arm_mean: float
+    interquartile: float
+    interquartile_low: float
+    interquartile_high: float
     probability_better: float
+    p_value: float
     detectable: float
+    seeds_needed: int | None
     margin: float
     seeds: int
     verdict: Verdict
@@ -49,14 +60,22 @@ def paired_effect(
         raise ValueError(f"arms must be paired by seed, got {baseline.shape} and {arm.shape}")
     difference = np.sort(baseline - arm)
     low, high = _interval(difference, confidence, resamples, rng)
+    middle = (float("nan"), float("nan"))
+    if not np.isnan(low):
+        middle = interquartile_mean_interval(difference, confidence, resamples, rng)
     return Effect(
         difference=float(difference.mean()),
         low=low,
         high=high,
         baseline_mean=float(baseline.mean()),
         arm_mean=float(arm.mean()),
+        interquartile=interquartile_mean(difference),
+        interquartile_low=middle[0],
+        interquartile_high=middle[1],
         probability_better=float((difference > 0).mean() + 0.5 * (difference == 0).mean()),
-        detectable=_detectable(difference, confidence),
+        p_value=sign_flip_p(difference, rng),
+        detectable=detectable(difference, confidence),
+        seeds_needed=seeds_needed(difference, margin, confidence),
         margin=margin,
         seeds=len(difference),
         verdict=judge(low, high, margin),
@@ -114,12 +133,3 @@ def expanded_level(seeds: int, confidence: float) -> float:
     """
     spread = np.sqrt(seeds / (seeds - 1)) * stats.t(seeds - 1).ppf((1 + confidence) / 2)
     return float(1 - 2 * stats.norm.cdf(-spread))
-
-
-def _detectable(difference: Array, confidence: float) -> float:
-    """Smallest mean difference that a paired t test of so many seeds would show with a power of 80 %."""
-    n = len(difference)
-    if n < 2 or not np.isfinite(difference).all():
-        return float("nan")
-    t = stats.t(n - 1)
-    return float((t.ppf((1 + confidence) / 2) + t.ppf(0.8)) * difference.std(ddof=1) / np.sqrt(n))

@@ -49,7 +49,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ingest_logs(logs, workspace, Request(settings=recipe.ingest, plant=recipe.plant))
     curate(workspace, recipe.curate, recipe.plant, recipe.mdp)
     run_control(workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control)
-    run_transfer(workspace, recipe.world, recipe.transfer, recipe.prefill, recipe.control)
+    run_transfer(workspace, recipe.world, recipe.transfer, recipe.sources)
     return workspace.root
 
 

@@ -7,9 +7,11 @@ import pytest
 from maglev_offline.agents.settings import EvaluationSettings, TrainingSettings
 from maglev_offline.agents.stage import World
 from maglev_offline.control.settings import ControlSettings
+from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.replay.settings import PrefillSettings
+from maglev_offline.transfer.arm_rows import Sources
 from maglev_offline.transfer.settings import TransferSettings
 from maglev_offline.transfer.stage import run_transfer
 from maglev_offline.workspace import Manifest, Workspace
@@ -57,7 +59,9 @@ def study_in(tiny_world, judged):
     def study(workspace, *, jobs=1, transfer=judged, evaluation=None, **training):
         world = tiny_world._replace(training=tiny_world.training.model_copy(update=training))
         world = world if evaluation is None else world._replace(evaluation=evaluation)
-        return run_transfer(workspace, world, transfer, PrefillSettings(), ControlSettings(), jobs=jobs)
+        return run_transfer(
+            workspace, world, transfer, Sources(CurateSettings(), PrefillSettings(), ControlSettings()), jobs=jobs
+        )
 
     return study
 

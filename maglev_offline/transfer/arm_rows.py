@@ -1,0 +1,126 @@
+"""The rows that an arm's buffer starts with, as artefacts below `arms/<name>/`, judged before anything is trained."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from maglev_offline.agents.settings import Algorithm
+from maglev_offline.agents.stage import World
+from maglev_offline.control.feedback import Controller
+from maglev_offline.control.pid import pid
+from maglev_offline.control.settings import ControlSettings
+from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.errors import ArtefactError
+from maglev_offline.replay.prefill import make_prefill, read_transitions
+from maglev_offline.replay.settings import PrefillSettings
+from maglev_offline.streams import stream
+from maglev_offline.tables import write_parquet
+from maglev_offline.transfer.arms import Plan
+from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
+
+
+class Sources(NamedTuple):
+    """The recipe's tables that the rows of arms depend on, beside the world."""
+
+    curate: CurateSettings
+    prefill: PrefillSettings
+    control: ControlSettings
+
+
+def prefill_of(workspace: Workspace, plan: Plan, algorithm: Algorithm, world: World, sources: Sources) -> Path | None:
+    """The prefill artefact of an arm, made where it is missing; None where the buffer starts empty.
+
+    Raises
+    ------
+    ArtefactError: there are no curated transitions in the workspace to take rows or their number from.
+    """
+    if plan.rows == "nothing":
+        return None
+    if plan.rows == "log" and plan.curate is None:
+        return make_prefill(workspace, algorithm, sources.prefill, world.plant, world.mdp)[0]
+    rows = transitions_of(workspace, plan, world, sources)
+    home = workspace.path("arms", plan.name, algorithm)
+    return make_prefill(workspace, algorithm, sources.prefill, world.plant, world.mdp, source=rows, home=home)[0]
+
+
+def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sources) -> Path:
+    """The transitions of an arm that has rows, with the verdict of the diagnostic in their manifest's facts."""
+    base = workspace.path("transitions")
+    if not (base / "manifest.json").is_file():
+        raise ArtefactError(
+            "there are no curated transitions in the workspace.",
+            where=str(workspace.root),
+            todo="Run `maglev-offline ingest LOGS...` first.",
+        )
+    if plan.curate is not None:
+        from maglev_offline.curate.stage import curate
+
+        base, _ = curate(
+            workspace,
+            plan.curate,
+            world.plant,
+            world.mdp,
+            folders=[workspace.path(name) for name in Manifest.read(base).inputs],
+            home=workspace.path("arms", plan.name, "curated" if plan.rows == "shuffled" else "transitions"),
+        )
+    if plan.rows == "log":
+        return base
+    return _made(workspace, plan, base, world, sources)
+
+
+def _made(workspace: Workspace, plan: Plan, base: Path, world: World, sources: Sources) -> Path:
+    """Rows that are made here, as many as `base` has."""
+    from maglev_offline.curate.diagnostic import diagnose
+
+    inputs = {base.relative_to(workspace.root).as_posix(): input_hash(base)}
+    home = workspace.path("arms", plan.name, "transitions")
+    # A random policy holds its actions for as long as the agents do that explore.
+    hold_ms, seed = world.training.exploratory_hold_ms, sources.curate.seed
+    mark = fingerprint(
+        "arm rows", inputs, world.plant, world.mdp, sources.control, rows=plan.rows, hold_ms=hold_ms, seed=seed
+    )
+    if workspace.is_current(home, mark):
+        return home
+    curated = read_transitions(base)
+    table = shuffled(curated, seed) if plan.rows == "shuffled" else _simulated(plan, len(curated), world, sources)
+    manifest = Manifest(f"arms/{plan.name}/transitions", mark, inputs)
+    tables = {"plant": world.plant, "mdp": world.mdp, "control": sources.control}
+    manifest.settings = {name: part.model_dump(mode="json") for name, part in tables.items()}
+    manifest.counts = {"transitions": len(table)}
+    manifest.facts = {
+        "construction": plan.rows,
+        "diagnostic": diagnose(table, world.plant, world.mdp, seed).plain(),
+    }
+    with workspace.commit(home, manifest) as draft:
+        write_parquet(table, draft / "transitions.parquet")
+    return home
+
+
+def _simulated(plan: Plan, rows: int, world: World, sources: Sources) -> pd.DataFrame:
+    from maglev_offline.transfer.simulated_rows import RandomPolicy, simulated_rows
+
+    mdp, seed = world.mdp, sources.curate.seed
+    policy: Controller = pid(sources.control.pid, mdp.voltage_limit_v)
+    if plan.rows == "random_policy":
+        hold = max(1, round(world.training.exploratory_hold_ms / mdp.control_period_ms))
+        policy = RandomPolicy(stream(seed, "random policy: actions"), mdp.voltage_limit_v, hold)
+    return simulated_rows(world.plant, mdp, policy, rows, plan.rows, seed)
+
+
+def shuffled(table: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """The rows, each with the voltage of another one: the same states, costs and voltages, and nothing to learn."""
+    order = stream(seed, "shuffled actions").permutation(len(table))
+    voltage = table["voltage_deviation_v"].to_numpy()[order]
+    return table.assign(voltage_deviation_v=voltage, origin="shuffled")
+
+
+def diagnostics(workspace: Workspace, plans: list[Plan], world: World, sources: Sources) -> dict[str, dict[str, Any]]:
+    """What the diagnostic said of each arm's rows before anything was trained; arms without rows are left out."""
+    found = {}
+    for plan in plans:
+        if plan.rows == "nothing":
+            continue
+        facts = Manifest.read(transitions_of(workspace, plan, world, sources)).facts
+        found[plan.name] = {name: facts.get(name) for name in ("construction", "diagnostic")}
+    return found

@@ -1,0 +1,77 @@
+"""The answer of a study as people read it, and as an exit code."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+Facts = Mapping[str, Any]
+
+POWER_COLUMNS = ("metric", "arm", "seeds run", "margin", "seen with them", "seeds needed")
+
+
+def columns(confidence: float) -> tuple[str, ...]:
+    """The columns of `effect_rows`."""
+    return ("metric", "arm", "empty", "arm's", "difference", f"{confidence:.0%} interval", "p (Holm)", "verdict")
+
+
+def answer(facts: Facts) -> str:
+    """One sentence on the primary metric: what every arm does to every algorithm, against an empty buffer."""
+    primary = facts["primary_metric"]
+    parts = []
+    for algorithm, found in facts["algorithms"].items():
+        verdicts = [f"{arm} {effects[primary]['verdict']}" for arm, effects in found["effects"].items()]
+        parts.append(f"{algorithm}: {', '.join(verdicts)}")
+    return f"against an empty buffer, judged by {primary.replace('_', ' ')}: {'; '.join(parts)}"
+
+
+def _effects(facts: Facts) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    for algorithm, found in facts["algorithms"].items():
+        for arm, effects in found["effects"].items():
+            for metric, effect in effects.items():
+                yield f"{algorithm}: {metric.replace('_', ' ')}", arm, effect
+
+
+def effect_rows(facts: Facts) -> list[list[str]]:
+    """All effects, one row each."""
+    return [
+        [
+            metric,
+            arm,
+            f"{effect['baseline_mean']:.4g}",
+            f"{effect['arm_mean']:.4g}",
+            f"{effect['difference']:+.4g}",
+            "-" if effect["low"] is None else f"{effect['low']:+.4g} to {effect['high']:+.4g}",
+            f"{effect['p_value_holm']:.2g}",
+            effect["verdict"],
+        ]
+        for metric, arm, effect in _effects(facts)
+    ]
+
+
+def power_rows(facts: Facts) -> list[list[str]]:
+    """What so many seeds can show, and how many are needed, one row for each effect."""
+    return [
+        [
+            metric,
+            arm,
+            str(effect["seeds"]),
+            f"{effect['margin']:.4g}",
+            "-" if effect["detectable"] is None else f"{effect['detectable']:.4g}",
+            "unknown" if effect["detectable"] is None else _many(effect["seeds_needed"]),
+        ]
+        for metric, arm, effect in _effects(facts)
+    ]
+
+
+def _many(seeds: int | None) -> str:
+    return "more than 10,000" if seeds is None else str(seeds)
+
+
+def negative_arms(facts: Facts) -> list[str]:
+    """Algorithms and arms with negative transfer in the primary metric, for `--fail-on negative`."""
+    primary = facts["primary_metric"]
+    return [
+        f"{algorithm} {arm}"
+        for algorithm, found in facts["algorithms"].items()
+        for arm, effects in found["effects"].items()
+        if effects[primary]["verdict"] == "negative"
+    ]
