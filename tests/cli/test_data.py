@@ -74,6 +74,7 @@ def test_curating_with_another_recipe_makes_the_transitions_anew(here, call):
 
 
 @pytest.mark.parametrize("command", [("curate",), ("prefill",), ("control",)])
+@pytest.mark.usefixtures("undrawn")
 def test_any_command_that_works_in_a_workspace_lets_it_remember_its_recipe(here, call, command):
     call("ingest", "logs")
     (here / "named.toml").write_text(
@@ -233,6 +234,7 @@ def test_the_recipe_of_a_command_that_failed_is_not_remembered(here, call):
     assert later.json["status"] == "unchanged"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_logs_that_do_not_fit_the_plant_are_doubted_in_a_warning_and_on_the_page(here, call):
     (here / "heavy.toml").write_text("[plant]\nmass_kg = 70_000\n")
     warned = call("ingest", "logs", "--recipe", "heavy.toml").err
