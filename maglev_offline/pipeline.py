@@ -97,14 +97,14 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
     ArtefactError: there are no samples, or only such as another recipe made.
     """
     from maglev_offline.curate.stage import curate as run_curate
-    from maglev_offline.curate.words import verdict_words
+    from maglev_offline.curate.words import residual_lines, verdict_words
 
     if folders is None:
         folders = _fitting_samples(recipe, workspace, progress)
     folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
     manifest = Manifest.read(folder)
     before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
-    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic")}
+    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic", "residual")}
     return Done(
         "curate",
         folder,
@@ -120,6 +120,7 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
             "coverage": {name: fact for name, fact in manifest.facts.items() if name not in judged},
             **judged,
         },
+        notes=residual_lines(manifest.facts),
     )
 
 

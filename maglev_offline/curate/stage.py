@@ -28,6 +28,9 @@ from maglev_offline.workspace import Manifest, Workspace, fingerprint
 if TYPE_CHECKING:  # pandas takes half a second to import, and a run that finds all unchanged needs none
     import pandas as pd
 
+LAYOUT = 2
+"""Counts up where the files or facts of the artefact become others, so that an older one is made anew."""
+
 
 def curate(
     workspace: Workspace,
@@ -43,7 +46,8 @@ def curate(
     `folders`: the samples artefacts to take; all of the workspace, where it is not given.
 
     The folder holds `transitions.parquet` (the curated set, from the logs for training) and `candidates.parquet` (every
-    usable transition of all logs), so that nothing that balance left out is lost.
+    usable transition of all logs), so that nothing that balance left out is lost; and what was judged before training:
+    `diagnostic_rows.parquet`, `diagnostic_cells.parquet` and `residuals.parquet`.
 
     Raises
     ------
@@ -58,12 +62,15 @@ def curate(
         )
     inputs = {f"samples/{folder.name}": workspace.input_hash(folder) for folder in folders}
     home = workspace.path("transitions")
-    mark = fingerprint("curate", inputs, settings, plant, mdp)
+    mark = fingerprint("curate", inputs, settings, plant, mdp, layout=LAYOUT)
     if workspace.is_current(home, mark):
         return home, False
 
-    from maglev_offline.curate.diagnostic import diagnose
+    from maglev_offline.curate.diagnostic import diagnosis_of, judge
+    from maglev_offline.curate.diagnostic_cells import diagnostic_cells, judged_rows
     from maglev_offline.curate.plausibility import implausible
+    from maglev_offline.curate.residual_facts import residual_facts
+    from maglev_offline.curate.residual_map import residual_map
 
     samples = load_samples(folders)
     found = _usable(samples, workspace, settings, plant, mdp)
@@ -73,6 +80,8 @@ def curate(
     doubts = implausible(samples, plant)
     for doubt in doubts:
         progress.warn(doubt)
+    judged = judge(training, plant, mdp, settings.seed)
+    residuals = residual_map(samples, plant, mdp, settings.seed)
 
     manifest = Manifest("transitions", mark, inputs)
     tables = {"curate": settings, "plant": plant, "mdp": mdp}
@@ -92,10 +101,13 @@ def curate(
         **coverage_facts(training, curated, settings),
         "doubts": doubts,
         "construction": settings.construction,
-        "diagnostic": diagnose(training, plant, mdp, settings.seed).plain(),
+        "diagnostic": diagnosis_of(judged).plain(),
+        "residual": residual_facts(residuals, plant),
     }
+    made = {"transitions": curated, "candidates": candidates, "diagnostic_rows": judged_rows(judged)}
+    made |= {"diagnostic_cells": diagnostic_cells(judged), "residuals": residuals}
     with workspace.commit(home, manifest) as draft:
-        for name, part in (("transitions", curated), ("candidates", candidates)):
+        for name, part in made.items():
             write_parquet(part, draft / f"{name}.parquet")
     return home, True
 

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from maglev_offline.curate.words import verdict_words
 from maglev_offline.report import figures_data
 from maglev_offline.report.evidence import Artefact, Evidence, samples_of
 from maglev_offline.report.numbers import NO_BREAK, NOTHING, interval, number, percent, plain, whole
@@ -216,13 +215,6 @@ def coverage_section(evidence: Evidence) -> Section:
         Paragraph(
             f"A low-cost row is one of the cheapest of all candidates (cost at most "
             f"{number(made.facts['low_cost_threshold'])}); balance keeps {percent(kept)} of them."
-        )
-    )
-    words = verdict_words(made.facts)
-    section.blocks.append(
-        Paragraph(
-            f"Before anything is trained: {words}. The truth is the simulator’s, one decision at a time; the reference "
-            "is the LQR at the same cost. The verdict is about what rows say, not about what they cover."
         )
     )
     return section

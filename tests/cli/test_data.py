@@ -253,6 +253,9 @@ def test_curate_says_whether_the_rows_teach_the_truth_and_so_does_prefill(here, 
     for name in ("correlation_with_advantage", "error_over_advantage_std"):
         low, high = found[f"{name}_interval"]
         assert low < high
+    residual = data["residual"]
+    assert residual["duration_s"] == 0.1
+    assert f"explains {residual['logs']['explained']} of {residual['logs']['judged']} logs" in shown.out
     prefilled = call("prefill", "--algo", "td3")
     for text in (shown.out, prefilled.out):
         assert f"raw rows are {found['verdict']}" in text.replace("\n", " ")

@@ -5,11 +5,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from maglev_offline.curate import residual_map as residual_map_module
 from maglev_offline.curate.consistency import one_step_residual
 from maglev_offline.curate.diagnostic import diagnose
+from maglev_offline.curate.residual_map import residual_map
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.curate.stage import curate
 from maglev_offline.errors import ArtefactError
+from maglev_offline.ingest.store import load_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import Silent
@@ -25,6 +28,12 @@ class Listener(Silent):
 
     def warn(self, text):
         self.warnings.append(text)
+
+
+@pytest.fixture(autouse=True)
+def one_length(monkeypatch):
+    """One length of the residual map is enough here, and takes an eighth of the time."""
+    monkeypatch.setattr(residual_map_module, "STEPS_AHEAD", (1,))
 
 
 @pytest.fixture
@@ -302,3 +311,16 @@ def test_the_verdict_on_the_training_rows_is_in_the_manifest(workspace):
     assert found == diagnose(rows, PLANT, MDP, SMALL.seed).plain()
     assert found["verdict"] in ("fit", "doubtful", "harmful")
     assert found["rows"] == 2 * 79
+
+
+def test_what_was_judged_before_training_lies_beside_the_rows(workspace):
+    folder, _ = curate(workspace, SMALL, PLANT, MDP)
+    facts = Manifest.read(folder).facts
+    cells, rows, residuals = (
+        pd.read_parquet(folder / f"{name}.parquet") for name in ("diagnostic_cells", "diagnostic_rows", "residuals")
+    )
+    assert cells["rows"].sum() == len(rows) == facts["diagnostic"]["rows"]
+    made = residual_map(load_samples(workspace.list("samples")), PLANT, MDP, 0)
+    pd.testing.assert_frame_equal(residuals, made, check_dtype=False)
+    assert facts["residual"]["windows"] == 4 * 79
+    assert facts["residual"]["verdict"] == "too_few"
