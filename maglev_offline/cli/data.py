@@ -197,6 +197,13 @@ def curate(
             "--construction", help="raw, semi_markov, interpolated or simulated_next. [default: the recipe's]"
         ),
     ] = None,
+    balance: Annotated[
+        str | None,
+        typer.Option(
+            "--balance",
+            help="cells, quantiles, inverse_density, coverage, low_cost or none. [default: the recipe's]",
+        ),
+    ] = None,
     fail_on: Annotated[
         FailOnVerdict,
         typer.Option("--fail-on", help="The least verdict that ends in exit code 1 (doubtful) or 2 (harmful)."),
@@ -215,7 +222,7 @@ def curate(
     from maglev_offline.curate.words import exit_code
 
     session = open_session(recipe, workspace, as_json, quiet, plant)
-    session = with_options(session, "curate", construction=construction)
+    session = with_options(session, "curate", construction=construction, balance=balance)
     with session.at_work("curate"):
         done = pipeline.curate(session.recipe, session.workspace, session.talk)
     session.talk.result(done.plain(), *done.lines())

@@ -294,6 +294,16 @@ def test_a_construction_may_be_named_on_the_command_line(here, call):
     assert "Traceback" not in refused.err
 
 
+def test_a_balance_may_be_named_on_the_command_line(here, call):
+    call("ingest", "logs")
+    made = call("curate", "--balance", "quantiles", "--json").json
+    assert (made["coverage"]["balance"], made["status"]) == ("quantiles", "done")
+    assert "balance quantiles" in call("curate", "--balance", "quantiles").out
+    refused = call("curate", "--balance", "fair")
+    assert refused.code == 2
+    assert "'low_cost' or 'none' (given: 'fair')" in refused.err
+
+
 def test_a_verdict_fails_a_script_that_asks_for_it(here, call):
     call("ingest", "logs")
     bad = {"doubtful": {"never": 0, "doubtful": 1, "harmful": 0}, "harmful": {"never": 0, "doubtful": 2, "harmful": 2}}
