@@ -74,6 +74,19 @@ def _size(part: Mapping[str, Any]) -> str:
     return f"{part['rms_state_scales']:.2g} state scales{share}"
 
 
+def balance_words(facts: Mapping[str, Any]) -> str:
+    """Say in one clause what balance did."""
+    before, after = facts["occupancy_before"], facts["occupancy_after"]
+    visited = facts["visited_states"]
+    lqr = visited["policies"]["lqr"]
+    return (
+        f"balance {facts['balance']}: effective cells {before['effective_cells']:.0f} -> "
+        f"{after['effective_cells']:.0f} of {before['occupied_cells']} occupied, "
+        f"{facts['low_cost_share_kept']:.0%} of the low-cost rows kept, a row near {lqr['before']:.0%} -> "
+        f"{lqr['after']:.0%} of the states that the LQR visits"
+    )
+
+
 def _quantity(found: Mapping[str, Any], name: str, form: str) -> str:
     value, interval = found[name], found[f"{name}_interval"]
     if value is None:

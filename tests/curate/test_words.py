@@ -1,6 +1,6 @@
 import pytest
 
-from maglev_offline.curate.words import exit_code, region_words, residual_lines, verdict_words
+from maglev_offline.curate.words import balance_words, exit_code, region_words, residual_lines, verdict_words
 
 FACTS = {
     "construction": "semi_markov",
@@ -75,3 +75,16 @@ def test_what_is_explained_or_was_not_compared_takes_no_second_line():
 def test_a_region_is_named_by_the_ends_it_has():
     ends = {"gap_from_m": None, "gap_to_m": -0.001, "velocity_from_m_s": None, "velocity_to_m_s": None}
     assert region_words(ends) == "gap error below -1 mm and velocity anywhere"
+
+
+def test_a_clause_says_what_balance_did():
+    facts = {
+        "balance": "quantiles",
+        "occupancy_before": {"effective_cells": 13.6, "occupied_cells": 589},
+        "occupancy_after": {"effective_cells": 194.2, "occupied_cells": 500},
+        "low_cost_share_kept": 0.17,
+        "visited_states": {"distance": 0.2, "policies": {"lqr": {"states": 500, "before": 0.81, "after": 0.79}}},
+    }
+    words = balance_words(facts)
+    assert words.startswith("balance quantiles: effective cells 14 -> 194 of 589 occupied, 17% of the low-cost rows")
+    assert words.endswith("81% -> 79% of the states that the LQR visits")
