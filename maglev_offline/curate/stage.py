@@ -4,29 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from maglev_offline.curate.balance import (
-    balanced_choice,
-    cells_of,
-    effective_sample_size,
-    importance_weights,
-    occupancy,
-)
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.store import load_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import SILENT, Progress
-from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
 from maglev_offline.workspace import Manifest, Workspace, fingerprint
 
 if TYPE_CHECKING:  # pandas takes half a second to import, and a run that finds all unchanged needs none
     import pandas as pd
+
+LAYOUT = 2
+"""Counts up where the files or facts of the artefact become others, so that an older one is made anew."""
 
 
 def curate(
@@ -45,12 +40,37 @@ def curate(
     the artefact, below the workspace.
 
     The folder holds `transitions.parquet` (the curated set, from the logs for training) and `candidates.parquet` (every
-    usable transition of all logs), so that nothing that balance left out is lost.
+    usable transition of all logs), so that nothing that balance left out is lost; and what was judged before training:
+    `diagnostic_rows.parquet`, `diagnostic_cells.parquet` and `residuals.parquet`.
 
     Raises
     ------
     ArtefactError: there are no samples, or no usable transition in them.
     """
+    folders = _samples(workspace, folders)
+    inputs = {f"samples/{folder.name}": workspace.input_hash(folder) for folder in folders}
+    home = home or workspace.path("transitions")
+    mark = fingerprint("curate", inputs, settings, plant, mdp, layout=LAYOUT)
+    if workspace.is_current(home, mark):
+        return home, False
+
+    samples = load_samples(folders)
+    found = _usable(samples, workspace, settings, plant, mdp)
+    made = _balanced(found.candidates, settings, plant, mdp)
+    judged = _judged(samples, made.training, settings, plant, mdp)
+    manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
+    tables = {"curate": settings, "plant": plant, "mdp": mdp}
+    manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
+    manifest.counts, manifest.left_out = _books(found, made)
+    manifest.facts = made.facts | judged.facts
+    _tell(progress, found, made.training, settings, manifest.facts["doubts"])
+    with workspace.commit(home, manifest) as draft:
+        for name, part in {"transitions": made.curated, "candidates": found.candidates, **judged.tables}.items():
+            write_parquet(part, draft / f"{name}.parquet")
+    return home, True
+
+
+def _samples(workspace: Workspace, folders: Sequence[Path] | None) -> Sequence[Path]:
     folders = workspace.list("samples") if folders is None else folders
     if not folders:
         raise ArtefactError(
@@ -58,56 +78,45 @@ def curate(
             where=str(workspace.root),
             todo="Run `maglev-offline ingest LOGS...` first.",
         )
-    inputs = {f"samples/{folder.name}": workspace.input_hash(folder) for folder in folders}
-    home = home or workspace.path("transitions")
-    mark = fingerprint("curate", inputs, settings, plant, mdp)
-    if workspace.is_current(home, mark):
-        return home, False
+    return folders
 
-    from maglev_offline.curate.diagnostic import diagnose
+
+class _Judged(NamedTuple):
+    """What is known before training: facts for the manifest, and the tables behind them by name."""
+
+    facts: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+
+
+def _judged(samples: pd.DataFrame, training: pd.DataFrame, settings: CurateSettings, plant: Plant, mdp: Mdp) -> _Judged:
+    from maglev_offline.curate.diagnostic import diagnosis_of, judge
+    from maglev_offline.curate.diagnostic_cells import diagnostic_cells, judged_rows
     from maglev_offline.curate.plausibility import implausible
+    from maglev_offline.curate.residual_facts import residual_facts
+    from maglev_offline.curate.residual_map import residual_map
 
-    samples = load_samples(folders)
-    found = _usable(samples, workspace, settings, plant, mdp)
-    candidates, reason = found.candidates, found.reason
-    training, curated = _balanced(candidates, settings)
-    _tell(progress, found, training, settings)
-    doubts = implausible(samples, plant)
-    for doubt in doubts:
-        progress.warn(doubt)
-
-    manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
-    tables = {"curate": settings, "plant": plant, "mdp": mdp}
-    manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
-    manifest.counts = {
-        "pairs": found.pairs,
-        "rows": len(reason),
-        "candidates": len(candidates),
-        "transitions": len(curated),
-    }
-    manifest.left_out = {
-        **{str(code): int(n) for code, n in reason[reason != ""].value_counts().sort_index().items()},
-        "held_out_for_validation": len(candidates) - len(training),
-        "not_selected_by_balance": len(training) - len(curated),
-    }
-    manifest.facts = {
-        **coverage_facts(training, curated, settings),
-        "doubts": doubts,
+    judged = judge(training, plant, mdp, settings.seed)
+    residuals = residual_map(samples, plant, mdp, settings.seed)
+    facts = {
+        "doubts": implausible(samples, plant),
         "construction": settings.construction,
-        "diagnostic": diagnose(training, plant, mdp, settings.seed).plain(),
+        "diagnostic": diagnosis_of(judged).plain(),
+        "residual": residual_facts(residuals, plant),
     }
-    with workspace.commit(home, manifest) as draft:
-        for name, part in (("transitions", curated), ("candidates", candidates)):
-            write_parquet(part, draft / f"{name}.parquet")
-    return home, True
+    rows, cells = judged_rows(judged), diagnostic_cells(judged)
+    return _Judged(facts, {"diagnostic_rows": rows, "diagnostic_cells": cells, "residuals": residuals})
 
 
 class _Usable(NamedTuple):
-    """The usable transitions, of how many pairs of samples, and why a row that was made is none (empty: it is one)."""
+    """The usable transitions, of how many pairs of samples, and why a row that was made is none (empty: it is one).
+
+    `idle_rules`: the rules of the recipe that no row fits.
+    """
 
     candidates: pd.DataFrame
     pairs: int
     reason: pd.Series
+    idle_rules: tuple[str, ...] = ()
 
     @property
     def unit(self) -> str:
@@ -130,9 +139,10 @@ def _usable(samples: pd.DataFrame, workspace: Workspace, settings: CurateSetting
         )
     table = CONSTRUCTIONS[settings.construction](pairs, plant, mdp)
     reason = unusable(table, mdp)
+    idle_rules = _leave_out_by_rules(table, reason, settings)
     if settings.consistent_fraction is not None:
         _leave_out_inconsistent(table, reason, settings.consistent_fraction, plant, mdp)
-    found = _Usable(table[reason == ""].reset_index(drop=True), len(pairs), reason)
+    found = _Usable(table[reason == ""].reset_index(drop=True), len(pairs), reason, idle_rules)
     if found.candidates.empty:
         raise ArtefactError(
             f"no usable transition in {len(reason)} {found.unit} of samples ({_listing(reason)}).",
@@ -140,6 +150,23 @@ def _usable(samples: pd.DataFrame, workspace: Workspace, settings: CurateSetting
             todo=_todo(reason),
         )
     return found
+
+
+def _leave_out_by_rules(table: pd.DataFrame, reason: pd.Series, settings: CurateSettings) -> tuple[str, ...]:
+    """Give a reason to those usable rows that the rules leave out; return the rules that no row fits."""
+    from maglev_offline.curate.rules import fits, left_out_by
+
+    excluded, not_included = left_out_by(table, settings.include, settings.exclude)
+    usable = (reason == "").to_numpy()
+    reason[usable & not_included] = "not_in_include_rule"
+    reason[usable & excluded] = "excluded_by_rule"
+    named = {"include": settings.include, "exclude": settings.exclude}
+    return tuple(
+        f"curate.{name}[{k}]"
+        for name, rules in named.items()
+        for k, rule in enumerate(rules)
+        if not fits(table, rule).any()
+    )
 
 
 def _leave_out_inconsistent(table: pd.DataFrame, reason: pd.Series, fraction: float, plant: Plant, mdp: Mdp) -> None:
@@ -152,6 +179,8 @@ def _leave_out_inconsistent(table: pd.DataFrame, reason: pd.Series, fraction: fl
 
 
 def _todo(reason: pd.Series) -> str:
+    if reason.isin(["excluded_by_rule", "not_in_include_rule"]).any():
+        return "Check the ranges in [[curate.include]] and [[curate.exclude]]: they are in SI units."
     if (reason == "shorter_than_a_decision").any():
         return (
             "The samples lie closer than mdp.control_period_ms: take another [curate] construction, "
@@ -160,20 +189,58 @@ def _todo(reason: pd.Series) -> str:
     return "Check the units in [signals], and mdp.voltage_limit_v against the logged voltage."
 
 
-def _balanced(candidates: pd.DataFrame, settings: CurateSettings) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Mark the split in `candidates`; return the rows for training with their cells, and the choice of them."""
-    candidates["split"] = _split(candidates["log_id"], settings)
-    training = candidates[candidates["split"] == "train"].reset_index(drop=True)
-    training["cell"] = _cells(training, settings)
-    cell = training["cell"].to_numpy()
-    chosen = balanced_choice(cell, settings.target_rows, stream(settings.seed, "curate: balance"))
-    curated = training.iloc[chosen].reset_index(drop=True)
-    curated["weight"] = importance_weights(cell, chosen)
-    return training, curated
+class _Balanced(NamedTuple):
+    """The rows for training, those of them that balance chose, and what that changed."""
+
+    training: pd.DataFrame
+    curated: pd.DataFrame
+    facts: dict[str, Any]
 
 
-def _tell(progress: Progress, found: _Usable, training: pd.DataFrame, settings: CurateSettings) -> None:
-    """Warn where nothing is held out although it was asked for, and where there is nothing to balance."""
+def _balanced(candidates: pd.DataFrame, settings: CurateSettings, plant: Plant, mdp: Mdp) -> _Balanced:
+    """Mark the split in `candidates`, and choose from the rows for training."""
+    from maglev_offline.curate.balance import Candidates, choose
+    from maglev_offline.curate.balance.grid import bins_of, cells_of
+    from maglev_offline.curate.measures import coverage_facts
+    from maglev_offline.curate.measures.weights import importance_weights
+    from maglev_offline.curate.split import split_of
+    from maglev_offline.curate.transitions import STATE
+
+    candidates["split"] = split_of(candidates["log_id"], settings.validation_share, settings.seed)
+    in_training = (candidates["split"] == "train").to_numpy()
+    training = candidates if in_training.all() else candidates[in_training].reset_index(drop=True)
+    values = training[[*STATE, "voltage_deviation_v"]].to_numpy(dtype=np.float64)
+    cell = cells_of(values, bins_of(settings), settings.edge_quantile)
+    rows = Candidates(values, training["cost"].to_numpy(dtype=np.float64), cell)
+    chosen = choose(rows, settings)
+    weight = importance_weights(cell, chosen)
+    curated = training.iloc[chosen].reset_index(drop=True).assign(cell=cell[chosen], weight=weight)
+    return _Balanced(training, curated, coverage_facts(rows, chosen, weight, settings, plant, mdp))
+
+
+def _books(found: _Usable, made: _Balanced) -> tuple[dict[str, int], dict[str, int]]:
+    """Counts, and what was left out by reason: rows are those that were curated and all that was left out."""
+    counts = {
+        "pairs": found.pairs,
+        "rows": len(found.reason),
+        "candidates": len(found.candidates),
+        "transitions": len(made.curated),
+    }
+    reason = found.reason[found.reason != ""].value_counts().sort_index()
+    left_out = {
+        **{str(code): int(n) for code, n in reason.items()},
+        "held_out_for_validation": len(found.candidates) - len(made.training),
+        "not_selected_by_balance": len(made.training) - len(made.curated),
+    }
+    return counts, left_out
+
+
+def _tell(
+    progress: Progress, found: _Usable, training: pd.DataFrame, settings: CurateSettings, doubts: Sequence[str]
+) -> None:
+    """Warn of what the recipe asks for in vain, to hold out, to leave out or to balance, and of doubts."""
+    for rule in found.idle_rules:
+        progress.warn(f"no row fits {rule}: its ranges are in SI units, its names those of the logs and points.")
     if settings.validation_share > 0 and len(training) == len(found.candidates):
         progress.warn(
             f"curate.validation_share = {settings.validation_share:g} of {training['log_id'].nunique()} logs is less "
@@ -186,40 +253,9 @@ def _tell(progress: Progress, found: _Usable, training: pd.DataFrame, settings: 
             f"only {len(training)} usable transitions{lost} for curate.target_rows = {settings.target_rows}: "
             "all are kept, nothing is balanced."
         )
+    for doubt in doubts:
+        progress.warn(doubt)
 
 
 def _listing(reason: pd.Series) -> str:
     return ", ".join(f"{code}: {n}" for code, n in reason[reason != ""].value_counts().items())
-
-
-def _cells(table: pd.DataFrame, settings: CurateSettings) -> np.ndarray:
-    from maglev_offline.curate.transitions import STATE
-
-    bins = (settings.bins_gap, settings.bins_velocity, settings.bins_current, settings.bins_voltage)
-    return cells_of(table[[*STATE, "voltage_deviation_v"]].to_numpy(), bins, settings.edge_quantile)
-
-
-def _split(log_id: pd.Series, settings: CurateSettings) -> np.ndarray:
-    """`validation` for the nearest whole number of logs, chosen by the seed; one log at least remains for training."""
-    logs = np.sort(log_id.unique())
-    count = min(round(settings.validation_share * len(logs)), len(logs) - 1)
-    held_out = stream(settings.seed, "curate: split").permutation(logs)[:count]
-    return np.where(log_id.isin(held_out), "validation", "train")
-
-
-def coverage_facts(training: pd.DataFrame, curated: pd.DataFrame, settings: CurateSettings) -> dict[str, object]:
-    """What balance changed: occupancy before and after, effective sample size, low-cost rows kept."""
-    low = float(training["cost"].quantile(settings.low_cost_quantile))
-    low_before = int((training["cost"] <= low).sum())
-    low_after = int((curated["cost"] <= low).sum())
-    return {
-        "occupancy_before": occupancy(training["cell"].to_numpy())._asdict(),
-        "occupancy_after": occupancy(curated["cell"].to_numpy())._asdict(),
-        "effective_sample_size": effective_sample_size(curated["weight"].to_numpy()),
-        "low_cost_threshold": low,
-        "low_cost_rows_before": low_before,
-        "low_cost_rows_after": low_after,
-        "low_cost_share_kept": low_after / low_before,
-        "mean_cost_before": float(training["cost"].mean()),
-        "mean_cost_after": float(curated["cost"].mean()),
-    }

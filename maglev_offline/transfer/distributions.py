@@ -1,5 +1,6 @@
 """More than a mean: how runs lie over seeds, and when they reach a threshold."""
 
+import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,7 +55,8 @@ def kaplan_meier(steps: Array, reached: NDArray[np.bool_], confidence: float) ->
     data = stats.CensoredData(uncensored=steps[reached], right=steps[~reached])
     found = stats.ecdf(data)
     at = found.cdf.quantiles
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "The confidence interval is undefined", RuntimeWarning)
         between = found.cdf.confidence_interval(confidence, method="log-log")
     moments = np.isin(at, steps[reached])
     curves: list[Any] = [found.cdf, between.low, between.high]

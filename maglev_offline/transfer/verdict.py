@@ -59,7 +59,7 @@ def paired_effect(
     if baseline.shape != arm.shape or baseline.ndim != 1:
         raise ValueError(f"arms must be paired by seed, got {baseline.shape} and {arm.shape}")
     difference = np.sort(baseline - arm)
-    low, high = _interval(difference, confidence, resamples, rng)
+    low, high = mean_interval(difference, confidence, resamples, rng)
     middle = (float("nan"), float("nan"))
     if not np.isnan(low):
         middle = interquartile_mean_interval(difference, confidence, resamples, rng)
@@ -107,7 +107,9 @@ def judge(low: float, high: float, margin: float) -> Verdict:
     return "inconclusive"
 
 
-def _interval(difference: Array, confidence: float, resamples: int, rng: np.random.Generator) -> tuple[float, float]:
+def mean_interval(
+    difference: Array, confidence: float, resamples: int, rng: np.random.Generator
+) -> tuple[float, float]:
     """BCa interval of the mean, widened for few seeds; too few have none, equal differences have one of no width."""
     if not enough_seeds(len(difference), confidence) or not np.isfinite(difference).all():
         return float("nan"), float("nan")
