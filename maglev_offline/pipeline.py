@@ -96,15 +96,25 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
     ------
     ArtefactError: there are no samples, or only such as another recipe made.
     """
+    from maglev_offline.curate.recovery.words import recovery_words
     from maglev_offline.curate.stage import curate as run_curate
     from maglev_offline.curate.words import verdict_words
 
     if folders is None:
         folders = _fitting_samples(recipe, workspace, progress)
-    folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
+    folder, fresh = run_curate(
+        workspace,
+        recipe.curate,
+        recipe.plant,
+        recipe.mdp,
+        pid=recipe.control.pid,
+        cascade=recipe.control.cascade,
+        folders=folders,
+        progress=progress,
+    )
     manifest = Manifest.read(folder)
     before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
-    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic")}
+    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic", "recovery")}
     return Done(
         "curate",
         folder,
@@ -113,7 +123,8 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
         f"{len(manifest.inputs)} log{'s' * (len(manifest.inputs) != 1)} in the workspace; "
         f"effective cells {before['effective_cells']:.0f} -> {after['effective_cells']:.0f} "
         f"of {before['occupied_cells']} occupied, "
-        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept; {verdict_words(manifest.facts)}",
+        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept; {verdict_words(manifest.facts)}; "
+        f"{recovery_words(manifest.facts['recovery'])}",
         {
             "counts": manifest.counts,
             "left_out": manifest.left_out,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from maglev_offline.control.pid import CascadeGains, PidGains
 from maglev_offline.curate.balance import (
     balanced_choice,
     cells_of,
@@ -15,6 +16,8 @@ from maglev_offline.curate.balance import (
     importance_weights,
     occupancy,
 )
+from maglev_offline.curate.recovery.belief import Belief
+from maglev_offline.curate.recovery.words import recovery_words
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.store import load_samples
@@ -28,6 +31,10 @@ from maglev_offline.workspace import Manifest, Workspace, fingerprint
 if TYPE_CHECKING:  # pandas takes half a second to import, and a run that finds all unchanged needs none
     import pandas as pd
 
+    from maglev_offline.curate.pairs import Pairs
+
+_PID, _CASCADE = PidGains(), CascadeGains()
+
 
 def curate(
     workspace: Workspace,
@@ -35,12 +42,15 @@ def curate(
     plant: Plant,
     mdp: Mdp,
     *,
+    pid: PidGains = _PID,
+    cascade: CascadeGains = _CASCADE,
     folders: Sequence[Path] | None = None,
     progress: Progress = SILENT,
 ) -> tuple[Path, bool]:
     """Make the `transitions` artefact from samples; return its folder and whether anything was done.
 
-    `folders`: the samples artefacts to take; all of the workspace, where it is not given.
+    `folders`: the samples artefacts to take; all of the workspace, where it is not given. `pid`, `cascade`: the gains
+    of the laws that the recovery may find in the logs.
 
     The folder holds `transitions.parquet` (the curated set, from the logs for training) and `candidates.parquet` (every
     usable transition of all logs), so that nothing that balance left out is lost.
@@ -58,7 +68,7 @@ def curate(
         )
     inputs = {f"samples/{folder.name}": workspace.input_hash(folder) for folder in folders}
     home = workspace.path("transitions")
-    mark = fingerprint("curate", inputs, settings, plant, mdp)
+    mark = fingerprint("curate", inputs, settings, plant, mdp, pid, cascade)
     if workspace.is_current(home, mark):
         return home, False
 
@@ -66,7 +76,7 @@ def curate(
     from maglev_offline.curate.plausibility import implausible
 
     samples = load_samples(folders)
-    found = _usable(samples, workspace, settings, plant, mdp)
+    found = _usable(samples, workspace, settings, plant, mdp, Belief(settings.recovery, pid, cascade))
     candidates, reason = found.candidates, found.reason
     training, curated = _balanced(candidates, settings)
     _tell(progress, found, training, settings)
@@ -75,7 +85,7 @@ def curate(
         progress.warn(doubt)
 
     manifest = Manifest("transitions", mark, inputs)
-    tables = {"curate": settings, "plant": plant, "mdp": mdp}
+    tables = {"curate": settings, "plant": plant, "mdp": mdp, "pid": pid, "cascade": cascade}
     manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
     manifest.counts = {
         "pairs": found.pairs,
@@ -93,6 +103,7 @@ def curate(
         "doubts": doubts,
         "construction": settings.construction,
         "diagnostic": diagnose(training, plant, mdp, settings.seed).plain(),
+        "recovery": found.recovery,
     }
     with workspace.commit(home, manifest) as draft:
         for name, part in (("transitions", curated), ("candidates", candidates)):
@@ -101,11 +112,13 @@ def curate(
 
 
 class _Usable(NamedTuple):
-    """The usable transitions, of how many pairs of samples, and why a row that was made is none (empty: it is one)."""
+    """The usable transitions, of how many pairs of samples, why a row that was made is none (empty: it is one), and
+    what can be known of states between samples (`recovery.verdict`)."""
 
     candidates: pd.DataFrame
     pairs: int
     reason: pd.Series
+    recovery: dict[str, Any]
 
     @property
     def unit(self) -> str:
@@ -113,8 +126,9 @@ class _Usable(NamedTuple):
         return "pairs" if len(self.reason) == self.pairs else "rows"
 
 
-def _usable(samples: pd.DataFrame, workspace: Workspace, settings: CurateSettings, plant: Plant, mdp: Mdp) -> _Usable:
-    from maglev_offline.curate.constructions import CONSTRUCTIONS
+def _usable(
+    samples: pd.DataFrame, workspace: Workspace, settings: CurateSettings, plant: Plant, mdp: Mdp, belief: Belief
+) -> _Usable:
     from maglev_offline.curate.pairs import pairs_of
     from maglev_offline.curate.transitions import unusable
 
@@ -126,18 +140,35 @@ def _usable(samples: pd.DataFrame, workspace: Workspace, settings: CurateSetting
             where=where,
             todo="Look at [ingest] longest_bridge_ms against the period of the messages.",
         )
-    table = CONSTRUCTIONS[settings.construction](pairs, plant, mdp)
+    table, recovery = _made(pairs, settings, plant, mdp, belief)
     reason = unusable(table, mdp)
-    if settings.consistent_fraction is not None:
-        _leave_out_inconsistent(table, reason, settings.consistent_fraction, plant, mdp)
-    found = _Usable(table[reason == ""].reset_index(drop=True), len(pairs), reason)
+    if settings.share_kept is not None:
+        _leave_out_inconsistent(table, reason, settings.share_kept, plant, mdp)
+    found = _Usable(table[reason == ""].reset_index(drop=True), len(pairs), reason, recovery)
     if found.candidates.empty:
+        known = f"; {recovery_words(recovery)}" if settings.construction == "reconstructed" else ""
         raise ArtefactError(
-            f"no usable transition in {len(reason)} {found.unit} of samples ({_listing(reason)}).",
+            f"no usable transition in {len(reason)} {found.unit} of samples ({_listing(reason)}{known}).",
             where=where,
             todo=_todo(reason),
         )
     return found
+
+
+def _made(
+    pairs: Pairs, settings: CurateSettings, plant: Plant, mdp: Mdp, belief: Belief
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """The rows of the construction, and the facts of the recovery: of all samples where the rows come from it."""
+    from maglev_offline.curate.constructions import CONSTRUCTIONS
+    from maglev_offline.curate.constructions.reconstructed import reconstructed_rows
+    from maglev_offline.curate.recovery.logs import recover_logs
+    from maglev_offline.curate.recovery.verdict import pilot, recovery_facts
+
+    if settings.construction == "reconstructed":
+        recovered = recover_logs(pairs.samples, plant, mdp, belief)
+        return reconstructed_rows(pairs, plant, mdp, recovered), recovery_facts(pairs.samples, recovered.logs)
+    found = pilot(pairs.samples, plant, mdp, belief)
+    return CONSTRUCTIONS[settings.construction](pairs, plant, mdp), recovery_facts(pairs.samples, found)
 
 
 def _leave_out_inconsistent(table: pd.DataFrame, reason: pd.Series, fraction: float, plant: Plant, mdp: Mdp) -> None:
@@ -150,6 +181,11 @@ def _leave_out_inconsistent(table: pd.DataFrame, reason: pd.Series, fraction: fl
 
 
 def _todo(reason: pd.Series) -> str:
+    if (reason == "not_explained_by_plant").mean() > 0.5:
+        return (
+            "Is [plant] that of the logs (`maglev-offline identify`), and [curate.recovery] law and noise right? "
+            "Otherwise take another [curate] construction."
+        )
     if (reason == "shorter_than_a_decision").any():
         return (
             "The samples lie closer than mdp.control_period_ms: take another [curate] construction, "
