@@ -1,10 +1,11 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`. They need python3, pip and make.
 PYTHON ?= python3
 VENV ?= .venv
+FOREIGN ?= .venv-exports
 BIN := $(VENV)/bin
 DEMO := reports/quickstart
 
-.PHONY: setup demo test check study clean
+.PHONY: setup demo test check study exports clean
 
 setup: $(VENV)/.installed
 
@@ -29,5 +30,14 @@ check: setup  ## what CI checks before the tests
 study: setup  ## the slow learning studies
 	$(BIN)/python -m pytest -m study
 
+exports: $(FOREIGN)/.installed  ## exported prefills in the libraries that they are for: d3rlpy, Minari, TorchRL, SB3
+	$(FOREIGN)/bin/python -m pytest tests/replay/exports
+
+$(FOREIGN)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(FOREIGN)
+	$(FOREIGN)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	  --editable '.[exports,foreign]' hypothesis pytest
+	@touch $@
+
 clean:
-	rm -rf $(VENV) $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(FOREIGN) $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

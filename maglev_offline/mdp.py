@@ -93,10 +93,11 @@ def deviation(plant: Plant, state: State, set_point_m: Any = None) -> Array:
     `set_point_m` broadcasts against the fields of `state` and defaults to the plant's own.
     """
     point = plant.equilibrium(set_point_m)
-    return np.stack(
-        np.broadcast_arrays(state.gap_m - point.gap_m, state.velocity_m_s, state.current_a - point.current_a),
-        axis=-1,
-    )
+    parts = (state.gap_m - point.gap_m, state.velocity_m_s, state.current_a - point.current_a)
+    z = np.empty((*np.broadcast(*parts).shape, 3))
+    for k, part in enumerate(parts):
+        z[..., k] = part
+    return z
 
 
 def stage_cost(mdp: Mdp, z: Array, v: Array) -> Array:

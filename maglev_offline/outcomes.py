@@ -25,6 +25,8 @@ class Done:
     title: str = ""
     columns: tuple[str, ...] = ()
     rows: list[list[str]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    """Further sentences, a line each."""
 
     def plain(self) -> dict[str, Any]:
         """For scripts."""
@@ -34,7 +36,7 @@ class Done:
     def lines(self) -> list[str]:
         """For people."""
         note = "" if self.fresh else " (unchanged inputs and recipe: nothing was done)"
-        return [f"{self.stage}: {self.sentence}{note}", f"  -> {self.artefact}"]
+        return [f"{self.stage}: {self.sentence}{note}", *(f"  {text}" for text in self.notes), f"  -> {self.artefact}"]
 
 
 @dataclass

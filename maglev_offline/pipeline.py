@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 from maglev_offline.agents.settings import Algorithm
 from maglev_offline.errors import ArtefactError, InputError
@@ -18,6 +18,9 @@ from maglev_offline.progress import Progress
 from maglev_offline.recipe import Recipe
 from maglev_offline.transfer.settings import ArmName
 from maglev_offline.workspace import Manifest, Workspace
+
+if TYPE_CHECKING:
+    from maglev_offline.replay.exports.stage import Name as ExportForm
 
 
 def algorithms(recipe: Recipe, asked: str | None) -> tuple[Algorithm, ...]:
@@ -98,7 +101,7 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
     """
     from maglev_offline.curate.recovery.words import recovery_words
     from maglev_offline.curate.stage import curate as run_curate
-    from maglev_offline.curate.words import verdict_words
+    from maglev_offline.curate.words import balance_words, residual_lines, verdict_words
 
     if folders is None:
         folders = _fitting_samples(recipe, workspace, progress)
@@ -113,17 +116,14 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
         progress=progress,
     )
     manifest = Manifest.read(folder)
-    before, after = manifest.facts["occupancy_before"], manifest.facts["occupancy_after"]
-    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic", "recovery")}
+    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic", "recovery", "residual")}
     return Done(
         "curate",
         folder,
         fresh,
         f"{manifest.counts['transitions']:,} transitions of {manifest.counts['candidates']:,} usable ones, from "
         f"{len(manifest.inputs)} log{'s' * (len(manifest.inputs) != 1)} in the workspace; "
-        f"effective cells {before['effective_cells']:.0f} -> {after['effective_cells']:.0f} "
-        f"of {before['occupied_cells']} occupied, "
-        f"{manifest.facts['low_cost_share_kept']:.0%} of the low-cost rows kept; {verdict_words(manifest.facts)}; "
+        f"{balance_words(manifest.facts)}; {verdict_words(manifest.facts)}; "
         f"{recovery_words(manifest.facts['recovery'])}",
         {
             "counts": manifest.counts,
@@ -131,6 +131,7 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
             "coverage": {name: fact for name, fact in manifest.facts.items() if name not in judged},
             **judged,
         },
+        notes=residual_lines(manifest.facts),
     )
 
 
@@ -152,12 +153,12 @@ def _fitting_samples(recipe: Recipe, workspace: Workspace, progress: Progress) -
     return folders
 
 
-def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
-    """Make the prefill of one algorithm."""
+def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm, capacity: int | None = None) -> Done:
+    """Make the prefill of one algorithm; `capacity`: slots of the buffer that it must fit into."""
     from maglev_offline.curate.words import verdict_words
     from maglev_offline.replay.prefill import make_prefill
 
-    folder, fresh = make_prefill(workspace, algorithm, recipe.prefill, recipe.plant, recipe.mdp)
+    folder, fresh = make_prefill(workspace, algorithm, recipe.prefill, recipe.plant, recipe.mdp, capacity=capacity)
     manifest, curated = Manifest.read(folder), Manifest.read(workspace.path("transitions")).facts
     return Done(
         "prefill",
@@ -172,6 +173,23 @@ def prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm) -> Done:
             "construction": curated.get("construction"),
             "diagnostic": curated.get("diagnostic"),
         },
+    )
+
+
+def export_prefill(recipe: Recipe, workspace: Workspace, algorithm: Algorithm, form: ExportForm) -> Done:
+    """Write the prefill of one algorithm as another library reads it."""
+    from maglev_offline.replay.exports.stage import FORMS, make_export
+
+    folder, fresh = make_export(workspace, algorithm, form, recipe.plant, recipe.mdp)
+    facts, rows = Manifest.read(folder).facts, Manifest.read(folder).counts["rows"]
+    how = FORMS[form].how.format(path=folder)
+    return Done(
+        "export",
+        folder,
+        fresh,
+        f"{rows:,} rows of {algorithm} for {facts['written_for']}, gamma {facts['gamma']:g}; load them with\n"
+        f"     {how}",
+        {"algorithm": algorithm, "rows": rows, "how": how, **facts},
     )
 
 

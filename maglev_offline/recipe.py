@@ -137,6 +137,8 @@ def _keys_of(path: list[str]) -> list[str]:
     """The keys that the table at `path` knows."""
     table: Any = Recipe
     for part in path:
+        if part.isdigit():  # a place in a list of tables: the list's own fields were taken already
+            continue
         fields = table.model_fields if isinstance(table, type) and issubclass(table, BaseModel) else {}
         if part not in fields:
             return []

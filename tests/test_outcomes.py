@@ -14,6 +14,11 @@ def test_a_stage_says_whether_it_did_anything(tmp_path):
     assert "nothing was done" in unchanged.lines()[0]
 
 
+def test_notes_of_a_stage_stand_below_its_sentence(tmp_path):
+    done = Done("curate", tmp_path, True, "9 transitions", notes=["one", "two"])
+    assert done.lines() == ["curate: 9 transitions", "  one", "  two", f"  -> {tmp_path}"]
+
+
 def test_ingestion_is_refused_where_one_log_is(tmp_path):
     good, bad = outcome(tmp_path, "ingested"), outcome(tmp_path, "refused")
     assert Ingested([good], None).plain()["status"] == "done"

@@ -198,6 +198,13 @@ def curate(
             help="raw, semi_markov, interpolated, consistent, reconstructed or simulated_next. [default: the recipe's]",
         ),
     ] = None,
+    balance: Annotated[
+        str | None,
+        typer.Option(
+            "--balance",
+            help="cells, quantiles, inverse_density, coverage, low_cost or none. [default: the recipe's]",
+        ),
+    ] = None,
     fail_on: Annotated[
         FailOnVerdict,
         typer.Option("--fail-on", help="The least verdict that ends in exit code 1 (doubtful) or 2 (harmful)."),
@@ -216,7 +223,7 @@ def curate(
     from maglev_offline.curate.words import exit_code
 
     session = open_session(recipe, workspace, as_json, quiet, plant)
-    session = with_options(session, "curate", construction=construction)
+    session = with_options(session, "curate", construction=construction, balance=balance)
     with session.at_work("curate"):
         done = pipeline.curate(session.recipe, session.workspace, session.talk)
     session.talk.result(done.plain(), *done.lines())
@@ -227,21 +234,31 @@ def curate(
 
 def prefill(
     algo: Annotated[str | None, typer.Option("--algo", help="ddpg or td3. [default: those of the recipe]")] = None,
+    form: Annotated[
+        Literal["native", "npz", "sb3", "d3rlpy", "minari", "torchrl"],
+        typer.Option("--format", help="Write it for another library too; d3rlpy and minari need the extra `exports`."),
+    ] = "native",
+    capacity: Annotated[
+        int | None, typer.Option("--capacity", min=1, help="Slots of the buffer it is for: refuse what does not fit.")
+    ] = None,
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Scale the curated transitions into the replay buffer of an algorithm."""
+    """Scale the curated transitions into the replay buffer of an algorithm, and write it as other libraries read it."""
     from maglev_offline import pipeline
 
     session = open_session(recipe, workspace, as_json, quiet, plant)
+    made, root = session.recipe, session.workspace
     with session.at_work("prefill"):
-        done = [
-            pipeline.prefill(session.recipe, session.workspace, algorithm)
-            for algorithm in pipeline.algorithms(session.recipe, algo)
-        ]
+        wanted = pipeline.algorithms(made, algo)
+        done = [pipeline.prefill(made, root, algorithm, capacity) for algorithm in wanted]
+        exports = []
+        if form != "native":
+            exports = [pipeline.export_prefill(made, root, algorithm, form) for algorithm in wanted]
     session.talk.result(
-        {"status": "done", "prefills": [one.plain() for one in done]}, *(line for one in done for line in one.lines())
+        {"status": "done", "prefills": [one.plain() for one in done], "exports": [one.plain() for one in exports]},
+        *(line for one in (*done, *exports) for line in one.lines()),
     )

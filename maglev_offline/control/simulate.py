@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_offline import mdp as process
-from maglev_offline.control.feedback import Controller
+from maglev_offline.control.feedback import Controller, within
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.dynamics import Integrator, State, step
 from maglev_offline.physics.linear import linearise
@@ -74,7 +74,7 @@ def regulate(
         if k % hold == 0:
             v, memory = controller.control(process.deviation(plant, state), memory, hold * dt)
             if limited:
-                v = np.clip(v, -mdp.voltage_limit_v, mdp.voltage_limit_v)
+                v = within(v, mdp.voltage_limit_v)
         force = 0.0 if force_n is None else force_n[k]
         state = advance(state, point.voltage_v + v, force)
         states[k + 1], voltages[k] = state, point.voltage_v + v
@@ -107,7 +107,8 @@ class _Linear:
 
     def __call__(self, state: State, voltage_v: Array, force_n: Array | float) -> State:
         gap, current, voltage = self._rest
-        v = voltage_v - voltage
-        z = np.stack([state.gap_m - gap, state.velocity_m_s, state.current_a - current, v, v * 0 + force_n])
-        z1, z2, z3 = np.clip(self._step @ z, -FARTHEST, FARTHEST)
+        z = np.empty((5, len(voltage_v)))
+        z[0], z[1], z[2] = state.gap_m - gap, state.velocity_m_s, state.current_a - current
+        z[3], z[4] = voltage_v - voltage, force_n
+        z1, z2, z3 = within(self._step @ z, FARTHEST)
         return State(z1 + gap, z2, z3 + current)

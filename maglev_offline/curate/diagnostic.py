@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from maglev_offline.curate.constructions.rows import NEXT_STATE, STATE
 from maglev_offline.curate.reference_value import reference_policy, value
+from maglev_offline.curate.resampling import CONFIDENCE, Interval, interval, resamples, units_of
 from maglev_offline.curate.simulator import hold
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
@@ -23,19 +24,9 @@ from maglev_offline.streams import stream
 
 Array = NDArray[np.float64]
 Verdict = Literal["fit", "doubtful", "harmful"]
-Interval = tuple[float, float]
 
 MOST_ROWS = 4000
 """So many rows are judged, drawn by the seed, which takes a second. Errors have heavy tails; the intervals say so."""
-
-RESAMPLES = 1000
-CONFIDENCE = 0.95
-
-LEAST_LOGS = 8
-"""From so many logs on, whole logs are resampled; of fewer, stretches of them, since few logs give no interval."""
-
-BLOCK_S = 10.0
-"""Length of a stretch. The slowest loop here, the paper's PID, forgets in 6 s, so stretches are all but independent."""
 
 FIT_ERROR, HARMFUL_ERROR = 0.75, 3.0
 """Error over the spread of the advantage. With an error that is independent of the advantage and as normal, two rows
@@ -100,43 +91,54 @@ class Diagnostic:
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 
 
-def diagnose(table: pd.DataFrame, plant: Plant, mdp: Mdp, seed: int) -> Diagnostic:
-    """Judge the rows of a table of transitions; the same table and seed give the same numbers.
+class Judged(NamedTuple):
+    """The n rows that are judged, their targets, and what both diagnostics (whole and by cell) resample.
 
-    At most `MOST_ROWS` of them are looked at. The intervals are of the percentile bootstrap over logs or stretches.
+    `unit` [n]: the log or stretch of each row; `counts` [resamples, units]: how often each comes in each resample.
     """
+
+    rows: pd.DataFrame
+    targets: Targets
+    resampled: Literal["logs", "stretches"]
+    unit: NDArray[np.int64]
+    counts: NDArray[np.int64]
+
+
+def judge(table: pd.DataFrame, plant: Plant, mdp: Mdp, seed: int) -> Judged:
+    """Reckon the targets of the rows of a table of transitions, of at most `MOST_ROWS` that the seed chooses."""
     if len(table) > MOST_ROWS:
         chosen = stream(seed, "curate: diagnostic rows").choice(len(table), MOST_ROWS, replace=False)
         table = table.iloc[np.sort(chosen)]
     kind, unit = units_of(table)
-    found = targets_of(table, plant, mdp)
-    sums = _sums_by_unit(found, unit)
-    error, correlation = _statistics(sums.sum(axis=0))
-    rng = stream(seed, "curate: diagnostic bootstrap")
-    counts = rng.multinomial(len(sums), np.full(len(sums), 1 / len(sums)), RESAMPLES)
-    errors, correlations = _statistics(counts @ sums)
-    between = [_interval(values) if len(sums) > 1 else None for values in (errors, correlations)]
+    counts = resamples(stream(seed, "curate: diagnostic bootstrap"), int(unit.max()) + 1)
+    return Judged(table, targets_of(table, plant, mdp), kind, unit, counts)
+
+
+def diagnose(table: pd.DataFrame, plant: Plant, mdp: Mdp, seed: int) -> Diagnostic:
+    """Judge the rows of a table of transitions; the same table and seed give the same numbers.
+
+    The intervals are of the percentile bootstrap over logs or stretches.
+    """
+    return diagnosis_of(judge(table, plant, mdp, seed))
+
+
+def diagnosis_of(judged: Judged) -> Diagnostic:
+    """Both numbers of all rows that are judged, and the verdict on them."""
+    sums = sums_by_unit(judged.targets, judged.unit, judged.counts.shape[1])
+    error, correlation = statistics(sums.sum(axis=0))
+    errors, correlations = statistics(judged.counts @ sums)
+    between = [interval(values) if len(sums) > 1 else None for values in (errors, correlations)]
     return Diagnostic(
         verdict=verdict_of(*between),
-        error_over_advantage_std=_number(error),
+        error_over_advantage_std=number_of(error),
         error_over_advantage_std_interval=between[0],
-        correlation_with_advantage=_number(correlation),
+        correlation_with_advantage=number_of(correlation),
         correlation_with_advantage_interval=between[1],
         confidence=CONFIDENCE,
-        rows=len(table),
-        resampled=kind,
+        rows=len(judged.rows),
+        resampled=judged.resampled,
         units=len(sums),
     )
-
-
-def units_of(table: pd.DataFrame) -> tuple[Literal["logs", "stretches"], NDArray[np.int64]]:
-    """What is resampled, and the unit of each row [n]: its log, or a stretch of `BLOCK_S` of its segment."""
-    if table["log_id"].nunique() >= LEAST_LOGS:
-        return "logs", pd.factorize(table["log_id"])[0].astype(np.int64)
-    segment = table.groupby(["log_id", "point", "segment"], sort=False)
-    since_s = (table["t"] - segment["t"].transform("min")).dt.total_seconds().to_numpy()
-    keys = pd.DataFrame({"segment": segment.ngroup().to_numpy(), "stretch": np.floor(since_s / BLOCK_S)})
-    return "stretches", keys.groupby(["segment", "stretch"], sort=False).ngroup().to_numpy().astype(np.int64)
 
 
 def verdict_of(error: Interval | None, correlation: Interval | None) -> Verdict:
@@ -148,7 +150,7 @@ def verdict_of(error: Interval | None, correlation: Interval | None) -> Verdict:
     return "fit" if error[1] <= FIT_ERROR and correlation[0] >= FIT_CORRELATION else "doubtful"
 
 
-def _sums_by_unit(found: Targets, unit: NDArray[np.int64]) -> Array:
+def sums_by_unit(found: Targets, unit: NDArray[np.int64], units: int) -> Array:
     """Sums [units, 7] of which every statistic is made, so that a resample costs a product of matrices.
 
     Columns: rows, error^2, A, A^2, y - V(s), its square, its product with A; both shifted by their means against loss
@@ -159,10 +161,10 @@ def _sums_by_unit(found: Targets, unit: NDArray[np.int64]) -> Array:
     taught = taught - taught.mean()
     one = np.ones_like(advantage)
     columns = [one, found.error**2, advantage, advantage**2, taught, taught**2, taught * advantage]
-    return np.stack([np.bincount(unit, weights=column) for column in columns], axis=1)
+    return np.stack([np.bincount(unit, weights=column, minlength=units) for column in columns], axis=1)
 
 
-def _statistics(sums: Array) -> tuple[Array, Array]:
+def statistics(sums: Array) -> tuple[Array, Array]:
     """rms(y - y*) / std(A) and corr(y - V(s), A) of sums [..., 7]; NaN where nothing varies."""
     n, squared, a, aa, t, tt, ta = np.moveaxis(sums, -1, 0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -175,12 +177,6 @@ def _statistics(sums: Array) -> tuple[Array, Array]:
     return error, correlation
 
 
-def _interval(values: Array) -> Interval | None:
-    if not np.isfinite(values).all():
-        return None
-    low, high = np.quantile(values, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return float(low), float(high)
-
-
-def _number(value: Array) -> float | None:
+def number_of(value: Array) -> float | None:
+    """A statistic as a number, None where it has no value."""
     return float(value) if np.isfinite(value) else None

@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from maglev_offline.curate.recovery.settings import RecoverySettings
+from maglev_offline.curate.rules import Rule
 from maglev_offline.settings import Settings
 
 ConstructionName = Literal["raw", "semi_markov", "interpolated", "consistent", "reconstructed", "simulated_next"]
@@ -13,20 +14,27 @@ ConstructionName = Literal["raw", "semi_markov", "interpolated", "consistent", "
 CONSISTENT_SHARE = 0.25
 """What `consistent` keeps unless the recipe says otherwise: what made interpolated 100 ms rows fit (decision 14)."""
 
+BalanceName = Literal["cells", "quantiles", "inverse_density", "coverage", "low_cost", "none"]
+"""How rows are chosen; see `balance`."""
+
 
 class CurateSettings(Settings):
     """How transitions are made, and which are kept.
 
     `construction` says how rows come from pairs of samples. `consistent_fraction`: keep this share of the usable rows,
     those that agree best with the simulator over one step (not given: all, but 0.25 where `construction` is
-    `consistent`, which are interpolated rows with this filter). State and action are cut into `bins_*`
-    cells between the `edge_quantile` and its complement; every cell gives as many rows as the fullest can spare,
-    until there are `target_rows`. `low_cost_quantile` says what counts as a low-cost row in the coverage report.
-    `validation_share` of the logs (whole logs, never rows) are held out.
+    `consistent`, which are interpolated rows with this filter). A row is used where it fits one of the
+    `include` rules (or there are none) and no `exclude` rule; `balance` chooses `target_rows` of what remains. State
+    and action are cut into `bins_*` cells between the `edge_quantile` and its complement, in which all balances are
+    measured; with `cells` every cell gives as many rows as the fullest can spare. `low_cost_quantile` says what counts
+    as a low-cost row. `validation_share` of the logs (whole logs, never rows) are held out.
     """
 
     construction: ConstructionName = "raw"
     consistent_fraction: float | None = Field(default=None, gt=0, le=1)
+    include: tuple[Rule, ...] = ()
+    exclude: tuple[Rule, ...] = ()
+    balance: BalanceName = "cells"
     target_rows: int = Field(default=10_000, ge=1)
     seed: int = Field(default=0, ge=0)
     bins_gap: int = Field(default=10, ge=1, le=1000)

@@ -150,14 +150,15 @@ def _close_loop(
     later = np.concatenate([run.set_point_m for run in runs])
     step_at = np.concatenate([np.full(run.set_point_m.shape, run.set_point_step_at) for run in runs])
     state = State(gap, np.zeros_like(gap), np.where(from_stop, 0.0, plant.equilibrium().current_a))
-    states, voltage, set_point = np.empty((3, *force_n.shape)), np.empty(force_n.shape), np.empty(force_n.shape)
-    memory = law.start(np.zeros((*gap.shape, 3)))
-    current_per_m = np.sqrt(plant.kappa)
+    states, voltage = np.empty((3, *force_n.shape)), np.empty(force_n.shape)
+    set_point = np.where(np.arange(len(force_n))[:, None] >= step_at, later, plant.set_point_m)
+    rest_a = np.sqrt(plant.kappa) * (set_point + plant.pole_offset_m)
+    rest_v = plant.resistance_ohm * rest_a
+    z = np.zeros((*gap.shape, 3))
+    memory = law.start(z)
     for k, force in enumerate(force_n):
-        point = np.where(k >= step_at, later, plant.set_point_m)
-        i_eq = current_per_m * (point + plant.pole_offset_m)
-        z = np.stack([state.gap_m - point, state.velocity_m_s, state.current_a - i_eq], axis=-1)
+        z[:, 0], z[:, 1], z[:, 2] = state.gap_m - set_point[k], state.velocity_m_s, state.current_a - rest_a[k]
         v, memory = law.control(z, memory, STEP_S)
-        states[:, k], voltage[k], set_point[k] = state, plant.resistance_ohm * i_eq + v, point
+        states[:, k], voltage[k] = state, rest_v[k] + v
         state = step(loaded, state, voltage[k], STEP_S, force_n=force, integrator="rk4")
     return states, voltage, set_point

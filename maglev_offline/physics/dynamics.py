@@ -8,12 +8,17 @@ Source: Zhao et al., Sec. II-B, in absolute coordinates and for L(x) = L0 + c / 
 
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from maglev_offline.physics.parameters import Plant
 
 Integrator = Literal["euler", "rk4"]
 
 Field = Any
 """A float, a numpy array or a torch tensor; all fields of one call broadcast against each other."""
+
+FEW = 4
+"""RK4 advances up to so many magnets one by one: to call numpy on a few numbers takes longer than to compute them."""
 
 
 class State(NamedTuple):
@@ -50,7 +55,23 @@ def derivative(plant: Plant, state: State, voltage_v: Field, force_n: Field = 0.
 
 
 def _advance(state: State, rate: State, dt_s: float) -> State:
-    return State(*(value + dt_s * slope for value, slope in zip(state, rate, strict=True)))
+    return State(
+        state.gap_m + dt_s * rate.gap_m,
+        state.velocity_m_s + dt_s * rate.velocity_m_s,
+        state.current_a + dt_s * rate.current_a,
+    )
+
+
+def _clip(value: Field, lowest: float, highest: float | None) -> Field:
+    """`value.clip`, for floats too and sooner for arrays; NaN stays NaN."""
+    if isinstance(value, np.ndarray):
+        value = np.maximum(value, lowest)
+        return value if highest is None else np.minimum(value, highest)
+    if not isinstance(value, float):
+        return value.clip(lowest, highest)
+    if value < lowest:
+        return lowest
+    return highest if highest is not None and value > highest else value
 
 
 def stop(plant: Plant, state: State) -> State:
@@ -58,9 +79,9 @@ def stop(plant: Plant, state: State) -> State:
     gap, velocity = state.gap_m, state.velocity_m_s
     into_stop = ((gap <= plant.gap_min_m) & (velocity < 0)) | ((gap >= plant.gap_max_m) & (velocity > 0))
     return State(
-        gap.clip(plant.gap_min_m, plant.gap_max_m),
-        velocity * ~into_stop,
-        state.current_a.clip(0.0, None),
+        _clip(gap, plant.gap_min_m, plant.gap_max_m),
+        velocity * (into_stop ^ True),
+        _clip(state.current_a, 0.0, None),
     )
 
 
@@ -80,14 +101,48 @@ def step(
 ) -> State:
     """Advance by one plant step with the voltage and the force held, then apply the stops.
 
-    `state` fields are arrays or tensors of one shape (floats will not do: the stops use `clip`).
+    `state` fields are floats, or arrays or tensors of one shape.
     `euler` is the paper's scheme at 1 ms; `rk4` is the classical Runge-Kutta scheme. Results depend on the choice.
     """
+    if integrator == "rk4" and isinstance(state.gap_m, np.ndarray) and 0 < state.gap_m.size <= FEW:
+        few = _one_by_one(plant, state, voltage_v, dt_s, force_n)
+        if few is not None:
+            return few
     k1 = derivative(plant, state, voltage_v, force_n)
     if integrator == "euler":
         return stop(plant, _advance(state, k1, dt_s))
     k2 = derivative(plant, _advance(state, k1, dt_s / 2), voltage_v, force_n)
     k3 = derivative(plant, _advance(state, k2, dt_s / 2), voltage_v, force_n)
     k4 = derivative(plant, _advance(state, k3, dt_s), voltage_v, force_n)
-    mean = State(*((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)))
+    mean = State(*[(a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)])
     return stop(plant, _advance(state, mean, dt_s))
+
+
+def _one_by_one(plant: Plant, state: State, voltage_v: Field, dt_s: float, force_n: Field) -> State | None:
+    """`step` by RK4 with floats, to the same bits; None where the fields are no plain columns [n]."""
+    n = state.gap_m.size
+    if any(type(value) is np.ndarray for value in vars(plant).values()):
+        return None
+    columns = [_floats(field, n) for field in (*state, voltage_v, force_n)]
+    if None in columns:
+        return None
+    try:
+        found = [
+            step(plant, State(gap, velocity, current), u, dt_s, force_n=f, integrator="rk4")
+            for gap, velocity, current, u, f in zip(*columns, strict=True)
+        ]
+    except ZeroDivisionError:  # numpy has an infinity for it
+        return None
+    return State(*np.array(found).T)
+
+
+def _floats(field: Field, n: int) -> list[float] | None:
+    """The n values of a number or of an array [1] or [n]; None of anything else."""
+    if isinstance(field, int | float):
+        return [float(field)] * n
+    if not isinstance(field, np.ndarray) or field.dtype != np.float64 or field.ndim != 1:
+        return None
+    values: list[float] = field.tolist()
+    if len(values) == n:
+        return values
+    return values * n if len(values) == 1 else None

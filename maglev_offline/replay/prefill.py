@@ -14,6 +14,7 @@ from maglev_offline.curate.transitions import NEXT_STATE, STATE
 from maglev_offline.errors import ArtefactError, InputError
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
+from maglev_offline.replay.checks import refuse_not_finite, refuse_small_capacity
 from maglev_offline.replay.settings import PrefillSettings
 from maglev_offline.streams import stream
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
@@ -23,6 +24,8 @@ Columns = dict[str, NDArray[Any]]
 LAYOUT = 2
 """Version of the file's layout, so that a prefill of an older one is made again. 1 held observations out of order."""
 
+_NUMBERS = (*STATE, "voltage_deviation_v", "cost", *NEXT_STATE, "discount")
+
 FIELDS = ("observation", "action", "cost", "next_observation", "discount")
 
 
@@ -31,29 +34,27 @@ def scaled(transitions: pd.DataFrame, mdp: Mdp) -> Columns:
 
     Returns `observation` and `next_observation` [n, 3] over the state scales, `action` [n] in [-1, 1], `cost` [n],
     `discount` [n], `terminated` and `truncated` [n], float32 and bool. The discount is the row's own, and 0 where the
-    process ends; rows of a table without that column are one decision each, and take gamma.
+    process ends.
 
     Raises
     ------
-    InputError: a value is not finite, or an action lies outside [-1, 1].
+    InputError: a value is not finite, or an action lies outside [-1, 1]; the first such row is named.
     """
+    refuse_not_finite({name: transitions[name].to_numpy() for name in _NUMBERS}, "prefill")
     act = process.action(mdp, transitions["voltage_deviation_v"].to_numpy())
     terminated = transitions["terminated"].to_numpy(dtype=bool)
-    own = "discount" in transitions
-    discount = transitions["discount"].to_numpy() if own else np.full(len(transitions), mdp.discount)
     columns: Columns = {
         "observation": process.observation(mdp, transitions[list(STATE)].to_numpy()),
         "action": act,
         "cost": transitions["cost"].to_numpy(),
         "next_observation": process.observation(mdp, transitions[list(NEXT_STATE)].to_numpy()),
-        "discount": discount * ~terminated,
+        "discount": transitions["discount"].to_numpy() * ~terminated,
     }
-    for name, column in columns.items():
-        if not np.isfinite(column.astype(float)).all():
-            raise InputError(f"the column {name} holds values that are not finite.", where="prefill")
     if np.abs(act).max(initial=0) > 1:
+        row = int(np.abs(act).argmax())
         raise InputError(
-            f"actions reach {np.abs(act).max():.3g} times the voltage limit of {mdp.voltage_limit_v:g} V.",
+            f"row {row}, column voltage_deviation_v: {abs(act[row]):.3g} times the voltage limit of "
+            f"{mdp.voltage_limit_v:g} V.",
             where="prefill",
             todo="Raise mdp.voltage_limit_v, or curate again with this recipe.",
         )
@@ -64,13 +65,22 @@ def scaled(transitions: pd.DataFrame, mdp: Mdp) -> Columns:
 
 
 def make_prefill(
-    workspace: Workspace, algorithm: str, settings: PrefillSettings, plant: Plant, mdp: Mdp
+    workspace: Workspace,
+    algorithm: str,
+    settings: PrefillSettings,
+    plant: Plant,
+    mdp: Mdp,
+    *,
+    capacity: int | None = None,
 ) -> tuple[Path, bool]:
     """Make the artefact `prefill/<algorithm>` from the curated transitions; return its folder and whether it is new.
+
+    `capacity`: slots of the buffer that it is for.
 
     Raises
     ------
     ArtefactError: there are no curated transitions, or they were made with another plant or decision process.
+    InputError: the rows do not fit into `capacity`, or cannot be scaled.
     """
     source = workspace.path("transitions")
     if not (source / "manifest.json").is_file():
@@ -87,6 +97,9 @@ def make_prefill(
             todo="Run `maglev-offline curate` with this recipe, then prefill again.",
         )
     inputs = {"transitions": input_hash(source)}
+    if capacity is not None:
+        rows = made.counts["transitions"]
+        refuse_small_capacity(rows if settings.rows is None else min(rows, settings.rows), capacity, "prefill")
     home = workspace.path("prefill", algorithm)
     mark = fingerprint("prefill", inputs, settings, mdp, algorithm=algorithm, layout=LAYOUT)
     if workspace.is_current(home, mark):

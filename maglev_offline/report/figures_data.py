@@ -115,7 +115,7 @@ def _trajectory_legend(figure: Figure, quarantined: bool) -> None:
     figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))
 
 
-_DENSITY = LinearSegmentedColormap.from_list("density", ["#d6e4f0", "#7fb2d6", "#2a76b0", "#08306b", "#02122b"])
+DENSITY = LinearSegmentedColormap.from_list("density", ["#d6e4f0", "#7fb2d6", "#2a76b0", "#08306b", "#02122b"])
 
 _AGAINST_ERROR = (
     ("voltage_deviation_v", "voltage deviation, V", 1.0),
@@ -145,7 +145,7 @@ def coverage_figure(candidates: pd.DataFrame, curated: pd.DataFrame, bins: int =
         for ax, count, xs, ys in counts:
             ax.grid(False)
             filled = np.ma.masked_equal(count, 0)
-            image = ax.pcolormesh(xs, ys, filled, norm=LogNorm(1, top), cmap=_DENSITY, rasterized=True)
+            image = ax.pcolormesh(xs, ys, filled, norm=LogNorm(1, top), cmap=DENSITY, rasterized=True)
         for row, text in enumerate(("before balance", "after balance")):
             axes[row, 0].set_title(f"{text}: {len((candidates, curated)[row]):,} rows", fontsize=9)
         for ax in axes[1]:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from maglev_offline.curate.words import verdict_words
 from maglev_offline.report import figures_data
+from maglev_offline.report.coverage_table import coverage_table
 from maglev_offline.report.evidence import Artefact, Evidence, samples_of
 from maglev_offline.report.numbers import NO_BREAK, NOTHING, interval, number, percent, plain, whole
 from maglev_offline.report.page import Block, Paragraph, Plot, Section, Table, not_yet
@@ -210,7 +210,7 @@ def coverage_section(evidence: Evidence) -> Section:
     )
     label = f"Six histograms of {len(candidates)} transitions before balance and {len(curated)} after it."
     section.blocks.append(Plot("coverage", figures_data.coverage_figure(candidates, curated), caption, label))
-    section.blocks.append(_coverage_table(made))
+    section.blocks.append(coverage_table(made.facts))
     kept = made.facts["low_cost_share_kept"]
     section.blocks.append(
         Paragraph(
@@ -218,37 +218,7 @@ def coverage_section(evidence: Evidence) -> Section:
             f"{number(made.facts['low_cost_threshold'])}); balance keeps {percent(kept)} of them."
         )
     )
-    words = verdict_words(made.facts)
-    section.blocks.append(
-        Paragraph(
-            f"Before anything is trained: {words}. The truth is the simulator’s, one decision at a time; the reference "
-            "is the LQR at the same cost. The verdict is about what rows say, not about what they cover."
-        )
-    )
     return section
-
-
-def _coverage_table(made: Artefact) -> Table:
-    facts = made.facts
-    before, after = facts["occupancy_before"], facts["occupancy_after"]
-    rows = [
-        ["rows", whole(before["rows"]), whole(after["rows"])],
-        ["occupied cells", whole(before["occupied_cells"]), whole(after["occupied_cells"])],
-        ["entropy of the cells, nats", number(before["entropy"]), number(after["entropy"])],
-        [
-            "effective cells (inverse Simpson index)",
-            number(before["effective_cells"]),
-            number(after["effective_cells"]),
-        ],
-        ["effective sample size", whole(before["rows"]), number(facts["effective_sample_size"], 4)],
-        ["low-cost rows", whole(facts["low_cost_rows_before"]), whole(facts["low_cost_rows_after"])],
-        ["mean cost of a row", number(facts["mean_cost_before"]), number(facts["mean_cost_after"])],
-    ]
-    caption = (
-        "What balance changed. Effective sample size (Kish): how many rows of the log the curated ones are worth, when "
-        "weighted back to the log’s own shares. From the manifest of transitions."
-    )
-    return Table(caption, ["", "before", "after"], rows)
 
 
 def prefill_section(evidence: Evidence, *, trains: bool = True) -> Section:

@@ -28,6 +28,7 @@ from maglev_offline.report.sections_learning import (
 )
 from maglev_offline.report.sections_plant import plant_section
 from maglev_offline.report.sections_recipe import recipe_section
+from maglev_offline.report.sections_truth import truth_section
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.svg import inline_svg
 from maglev_offline.workspace import Manifest, Workspace, fingerprint
@@ -151,6 +152,7 @@ def body_sections(
         origin_section(evidence),
         trajectories_section(evidence, settings),
         coverage_section(evidence),
+        truth_section(evidence),
         prefill_section(evidence, trains=trains),
         plant_section(evidence),
         regulation_section(evidence, trains=trains),

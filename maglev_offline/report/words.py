@@ -40,7 +40,9 @@ REASONS = {
     "voltage_outside_limit": "The logged voltage is larger than the agent's limit, so that it is no action of its.",
     "shorter_than_a_decision": "The two samples are closer than a control period: no decision lies between them.",
     "inconsistent_with_simulator": "The recipe keeps a share of the rows, and the simulator explains others better.",
-    "not_selected_by_balance": "The cell of the state-action space has given its share already.",
+    "excluded_by_rule": "The recipe excludes rows like it.",
+    "not_in_include_rule": "The recipe includes certain rows only, and it is none of them.",
+    "not_selected_by_balance": "Balance takes as many rows as the recipe asks for, and took others.",
     "held_out_for_validation": "The row belongs to a log that is held out for validation.",
     "over_prefill_rows": "The recipe asks for fewer rows.",
 }

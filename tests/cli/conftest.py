@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from markupsafe import Markup
 
 from maglev_offline import cli
 
@@ -91,6 +92,14 @@ def here(tmp_path, monkeypatch, surrogate_logs):
     # Worker processes outlive a test and stay in its folder: none, unless a test asks for them by absolute paths.
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     return tmp_path
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the figures of pages blank: to draw them is most of the work, and few tests look at them."""
+    from maglev_offline.report import stage
+
+    monkeypatch.setattr(stage, "inline_svg", lambda figure, key: Markup('<svg viewBox="0 0 1 1"></svg>'))
 
 
 @pytest.fixture(scope="session")

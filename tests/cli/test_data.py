@@ -1,5 +1,6 @@
 import re
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -74,6 +75,7 @@ def test_curating_with_another_recipe_makes_the_transitions_anew(here, call):
 
 
 @pytest.mark.parametrize("command", [("curate",), ("prefill",), ("control",)])
+@pytest.mark.usefixtures("undrawn")
 def test_any_command_that_works_in_a_workspace_lets_it_remember_its_recipe(here, call, command):
     call("ingest", "logs")
     (here / "named.toml").write_text(
@@ -233,6 +235,7 @@ def test_the_recipe_of_a_command_that_failed_is_not_remembered(here, call):
     assert later.json["status"] == "unchanged"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_logs_that_do_not_fit_the_plant_are_doubted_in_a_warning_and_on_the_page(here, call):
     (here / "heavy.toml").write_text("[plant]\nmass_kg = 70_000\n")
     warned = call("ingest", "logs", "--recipe", "heavy.toml").err
@@ -253,10 +256,28 @@ def test_curate_says_whether_the_rows_teach_the_truth_and_so_does_prefill(here, 
     for name in ("correlation_with_advantage", "error_over_advantage_std"):
         low, high = found[f"{name}_interval"]
         assert low < high
+    residual = data["residual"]
+    assert residual["duration_s"] == 0.1
+    assert f"explains {residual['logs']['explained']} of {residual['logs']['judged']} logs" in shown.out
     prefilled = call("prefill", "--algo", "td3")
     for text in (shown.out, prefilled.out):
         assert f"raw rows are {found['verdict']}" in text.replace("\n", " ")
     assert call("prefill", "--json").json["prefills"][0]["diagnostic"] == found
+
+
+def test_a_prefill_leaves_for_another_library_and_a_small_buffer_is_refused(here, call):
+    call("ingest", "logs", "--recipe", "tiny.toml")
+    for status in ("done", "unchanged"):
+        data = call("prefill", "--format", "npz", "--capacity", 201, "--json").json
+        assert [(one["algorithm"], one["rows"], one["status"]) for one in data["exports"]] == [("ddpg", 200, status)]
+    with np.load(here / data["exports"][0]["artefact"] / "prefill.npz") as arrays:
+        np.testing.assert_array_equal(arrays["rewards"], -load_prefill(here / "workspace/prefill/ddpg")["cost"])
+    shown = call("prefill", "--format", "sb3")
+    assert "maglev_offline.replay.exports.sb3.fill_model(model, " in shown.out.replace("\n", "")
+    refused = call("prefill", "--capacity", 200)
+    assert refused.code == 2
+    assert "200 prefilled rows do not fit into 200 slots" in refused.err
+    assert call("prefill", "--format", "pickle").code == 2
 
 
 def test_a_construction_may_be_named_on_the_command_line(here, call):
@@ -268,10 +289,24 @@ def test_a_construction_may_be_named_on_the_command_line(here, call):
     rows = load_prefill(here / "workspace/prefill/ddpg")
     assert set(table["origin"]) == {"semi_markov"}
     assert rows["discount"] == pytest.approx(0.9 ** (table["duration_s"].to_numpy() / 0.01), rel=1e-6)
+    assert call("prefill", "--algo", "ddpg", "--format", "torchrl").code == 0
+    refused = call("prefill", "--algo", "ddpg", "--format", "sb3")
+    assert refused.code == 2
+    assert "rows of the construction semi_markov carry a discount of their own" in " ".join(refused.err.split())
     refused = call("curate", "--construction", "cooked")
     assert refused.code == 2
     assert "'raw', 'semi_markov', 'interpolated' or 'simulated_next' (given: 'cooked')" in refused.err
     assert "Traceback" not in refused.err
+
+
+def test_a_balance_may_be_named_on_the_command_line(here, call):
+    call("ingest", "logs")
+    made = call("curate", "--balance", "quantiles", "--json").json
+    assert (made["coverage"]["balance"], made["status"]) == ("quantiles", "done")
+    assert "balance quantiles" in call("curate", "--balance", "quantiles").out
+    refused = call("curate", "--balance", "fair")
+    assert refused.code == 2
+    assert "'low_cost' or 'none' (given: 'fair')" in refused.err
 
 
 def test_a_verdict_fails_a_script_that_asks_for_it(here, call):

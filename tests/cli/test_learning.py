@@ -7,6 +7,7 @@ from maglev_offline.workspace import Manifest
 TINY = ("--recipe", "tiny.toml", "--jobs", 1)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_control_tries_every_controller_once(here, call):
     first, again = (call("control", "--recipe", "tiny.toml", "--json") for _ in range(2))
     assert (first.code, first.json["status"], again.json["status"]) == (0, "done", "unchanged")

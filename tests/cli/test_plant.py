@@ -19,6 +19,7 @@ def test_control_prints_the_linear_model_the_range_of_kp_and_the_margins_and_plo
     assert page.count("<svg") >= 4
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_options_of_control_reach_the_simulation(here, call):
     options = ("--integrator", "rk4", "--gap-max-mm", "18", "--constant-load-n", "500", "--mass-error", "0.05")
     assert call("control", *QUICK, *options).code == 0
@@ -29,6 +30,7 @@ def test_the_options_of_control_reach_the_simulation(here, call):
     assert settings["control"]["mass_error_share"] == 0.05
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_voltage_that_does_not_suffice_is_told_with_its_number(here, call):
     done = call("control", *QUICK, "--voltage-limit-v", "30", "--gap-max-mm", "30")
     assert done.code == 0
@@ -67,6 +69,7 @@ def test_without_samples_there_is_nothing_to_identify_from(here, call):
     assert "no samples" in done.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_plant_file_takes_the_place_of_the_recipes_plant_and_is_remembered(here, call):
     (here / "plant.toml").write_text("[plant]\nmass_kg = 650\n")
     assert call("control", *QUICK, "--plant", "plant.toml").code == 0

@@ -16,6 +16,7 @@ def test_the_whole_road_ends_in_a_report_and_is_not_gone_twice(here, call):
     assert not list((here / "workspace").rglob(".*.draft"))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_refused_log_does_not_stop_the_road_but_its_exit_code_tells(here, call):
     recipe = here / "tiny.toml"
     recipe.write_text(recipe.read_text().replace('["ddpg"]', "[]"))
@@ -27,6 +28,7 @@ def test_a_refused_log_does_not_stop_the_road_but_its_exit_code_tells(here, call
     assert (here / called.json["report"]).is_file()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_logs_on_the_command_line_take_the_place_of_the_recipes_own(here, call):
     recipe = here / "tiny.toml"
     recipe.write_text(recipe.read_text().replace('["ddpg"]', "[]"))
@@ -36,6 +38,7 @@ def test_logs_on_the_command_line_take_the_place_of_the_recipes_own(here, call):
     assert len(Workspace(here / "workspace").list("samples")) == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_road_ends_where_no_log_can_be_used(here, call):
     (here / "bad.mcap").write_text("no MCAP")
     called = call("run", "tiny.toml", "bad.mcap", "none.mcap", "--json")
@@ -51,6 +54,7 @@ def test_the_road_ends_where_no_log_can_be_used(here, call):
     assert "None of the logs could be used" in call("run", "tiny.toml", "bad.mcap").out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_road_is_about_the_logs_that_it_was_given_whatever_else_is_in_the_workspace(here, call):
     recipe = here / "tiny.toml"
     recipe.write_text(recipe.read_text().replace('["ddpg"]', "[]"))
@@ -81,7 +85,7 @@ def test_a_report_of_an_empty_workspace_is_refused_and_says_what_to_run(call):
     assert "maglev-offline ingest LOGS" in called.json["todo"]
 
 
-@pytest.mark.usefixtures("wide")
+@pytest.mark.usefixtures("wide", "undrawn")
 def test_a_report_without_a_comparison_counts_each_seed_once(here, call):
     for seeds in (2, 3):
         assert call("train", "--seeds", seeds, "--recipe", "wide.toml", "--jobs", 1).code == 0

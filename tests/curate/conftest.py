@@ -9,6 +9,7 @@ from maglev_offline.curate.simulator import hold
 from maglev_offline.logs.surrogate_plant import simulate_log
 from maglev_offline.logs.surrogate_settings import SurrogateSettings
 from maglev_offline.mdp import Mdp, contact
+from maglev_offline.physics.dynamics import State, step
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.workspace import Manifest
 
@@ -144,6 +145,49 @@ def simulator_rows():
             segment=np.arange(rows) // 20,
             step=np.arange(rows),
             substep=0,
+        )
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def driven_samples():
+    """Samples 5 ms apart of the simulator itself: `n` short segments from random states, voltages on lines between.
+
+    `heavy`: what moves instead of the plant, everywhere or only where `beyond(gap_m)` says so.
+    """
+
+    def build(log_id="log-a", heavy=None, beyond=None, n=40, steps=6, gap_std_m=1e-3):
+        rng, plant = np.random.default_rng(list(log_id.encode())), Plant()
+        rest = plant.equilibrium()
+        now = State(*(np.array([rest.gap_m, 0, rest.current_a]) + rng.normal(0, [gap_std_m, 0.02, 0.3], (n, 3))).T)
+        voltage = rest.voltage_v + rng.normal(0, 10, (steps, n))
+        states = [now]
+        for k in range(steps - 1):
+            for part in (np.arange(5) + 0.5) / 5:
+                held = (1 - part) * voltage[k] + part * voltage[k + 1]
+                moved = [step(one, now, held, 1e-3) for one in (plant, heavy or plant)]
+                other = np.ones(n, dtype=bool) if beyond is None else beyond(now.gap_m)
+                now = State(*(np.where(other, there, here) for here, there in zip(*moved, strict=True)))
+            states.append(now)
+        gap, velocity, current = np.array(states).transpose(1, 2, 0).reshape(3, -1)
+        number = np.repeat(np.arange(n), steps)
+        t_ns = number * 10**9 + np.tile(np.arange(steps), n) * 5_000_000
+        return pd.DataFrame(
+            {
+                "log_id": log_id,
+                "point": "P1",
+                "t": pd.to_datetime(t_ns, unit="ns", utc=True),
+                "segment": number,
+                "step": np.tile(np.arange(steps), n),
+                "gap_m": gap,
+                "gap_velocity_m_s": velocity,
+                "current_a": current,
+                "voltage_v": voltage.T.ravel(),
+                "set_point_m": rest.gap_m,
+                "gap_velocity_origin": "measured",
+                "contact": False,
+            }
         )
 
     return build

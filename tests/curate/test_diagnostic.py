@@ -5,14 +5,7 @@ import pandas as pd
 import pytest
 
 from maglev_offline.curate.constructions import CONSTRUCTIONS
-from maglev_offline.curate.diagnostic import (
-    LEAST_LOGS,
-    MOST_ROWS,
-    diagnose,
-    targets_of,
-    units_of,
-    verdict_of,
-)
+from maglev_offline.curate.diagnostic import MOST_ROWS, diagnose, targets_of, verdict_of
 from maglev_offline.curate.pairs import pairs_of
 from maglev_offline.curate.reference_value import reference_policy, value
 from maglev_offline.curate.transitions import unusable
@@ -123,16 +116,6 @@ def test_the_same_seed_gives_the_same_numbers_and_many_rows_are_sampled(simulato
     first, again, other = (diagnose(table, PLANT, MDP, seed) for seed in (0, 0, 1))
     assert first == again != other
     assert first.rows == MOST_ROWS
-
-
-def test_stretches_are_resampled_and_logs_where_there_are_enough(simulator_rows):
-    table = simulator_rows(300).assign(segment=0)
-    kind, unit = units_of(table)
-    assert kind == "stretches"
-    assert unit.tolist() == np.repeat([0, 1, 2], 100).tolist()  # 10 s of samples 100 ms apart
-    many = pd.concat([table.iloc[:5].assign(log_id=f"log-{n}") for n in range(LEAST_LOGS)])
-    assert units_of(many)[0] == "logs"
-    assert len(np.unique(units_of(many)[1])) == LEAST_LOGS
 
 
 def test_one_stretch_has_no_interval_and_is_judged_doubtful(simulator_rows):

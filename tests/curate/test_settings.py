@@ -7,6 +7,8 @@ from maglev_offline.curate.settings import CurateSettings
 def test_rows_are_the_papers_and_all_of_them_are_kept_unless_the_recipe_says_otherwise():
     assert CurateSettings().construction == "raw"
     assert CurateSettings().consistent_fraction is None
+    assert CurateSettings().balance == "cells"
+    assert CurateSettings().include == CurateSettings().exclude == ()
 
 
 @pytest.mark.parametrize("fraction", [0.0, -0.1, 1.01])

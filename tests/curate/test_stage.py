@@ -5,11 +5,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from maglev_offline.curate import residual_map as residual_map_module
 from maglev_offline.curate.consistency import one_step_residual
 from maglev_offline.curate.diagnostic import diagnose
+from maglev_offline.curate.residual_map import residual_map
+from maglev_offline.curate.rules import Rule
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.curate.stage import curate
 from maglev_offline.errors import ArtefactError
+from maglev_offline.ingest.store import load_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import Silent
@@ -25,6 +29,12 @@ class Listener(Silent):
 
     def warn(self, text):
         self.warnings.append(text)
+
+
+@pytest.fixture(autouse=True)
+def one_length(monkeypatch):
+    """One length of the residual map is enough here, and takes an eighth of the time."""
+    monkeypatch.setattr(residual_map_module, "STEPS_AHEAD", (1,))
 
 
 @pytest.fixture
@@ -302,3 +312,66 @@ def test_the_verdict_on_the_training_rows_is_in_the_manifest(workspace):
     assert found == diagnose(rows, PLANT, MDP, SMALL.seed).plain()
     assert found["verdict"] in ("fit", "doubtful", "harmful")
     assert found["rows"] == 2 * 79
+
+
+def test_what_was_judged_before_training_lies_beside_the_rows(workspace):
+    folder, _ = curate(workspace, SMALL, PLANT, MDP)
+    facts = Manifest.read(folder).facts
+    cells, rows, residuals = (
+        pd.read_parquet(folder / f"{name}.parquet") for name in ("diagnostic_cells", "diagnostic_rows", "residuals")
+    )
+    assert cells["rows"].sum() == len(rows) == facts["diagnostic"]["rows"]
+    made = residual_map(load_samples(workspace.list("samples")), PLANT, MDP, 0)
+    pd.testing.assert_frame_equal(residuals, made, check_dtype=False)
+    assert facts["residual"]["windows"] == 4 * 79
+    assert facts["residual"]["verdict"] == "too_few"
+
+
+@pytest.mark.parametrize("balance", ["quantiles", "coverage", "low_cost"])
+def test_every_balance_is_measured_in_the_same_cells_and_its_books_add_up(workspace, balance):
+    folder, _ = curate(workspace, SMALL.model_copy(update={"balance": balance}), PLANT, MDP)
+    manifest = Manifest.read(folder)
+    facts, chosen = manifest.facts, pd.read_parquet(folder / "transitions.parquet")
+    assert facts["balance"] == balance
+    assert sum(manifest.left_out.values()) + len(chosen) == manifest.counts["rows"]
+    assert facts["occupancy_before"]["occupied_cells"] <= 3**4
+    assert facts["occupancy_after"]["occupied_cells"] == chosen["cell"].nunique()
+    levels = facts["cost_quantiles"]["levels"]
+    assert facts["cost_quantiles"]["after"] == pytest.approx(chosen["cost"].quantile(levels).tolist())
+    assert facts["discrepancy"]["rows"] == 100
+    for found in facts["visited_states"]["policies"].values():
+        assert 0 <= found["after"] <= found["before"] <= 1
+
+
+def test_rows_that_the_rules_leave_out_are_counted_by_reason(workspace):
+    settings = SMALL.model_copy(
+        update={
+            "include": (Rule(log_id=("log-a", "log-b")), Rule(voltage_deviation_v=(-10, 10))),
+            "exclude": (Rule(gap_error_m=(-0.001, 0.001)), Rule(log_id=("log-a",), cost=(0, 0.1))),
+            "target_rows": 20,
+        }
+    )
+    every = pd.read_parquet(curate(workspace, SMALL, PLANT, MDP)[0] / "candidates.parquet")
+    excluded = every["gap_error_m"].between(-0.001, 0.001) | ((every["log_id"] == "log-a") & (every["cost"] <= 0.1))
+    included = every["log_id"].isin(["log-a", "log-b"]) | every["voltage_deviation_v"].between(-10, 10)
+    folder, _ = curate(workspace, settings, PLANT, MDP)
+    manifest = Manifest.read(folder)
+    assert manifest.left_out["excluded_by_rule"] == excluded.sum() > 0
+    assert manifest.left_out["not_in_include_rule"] == (~included & ~excluded).sum() > 0
+    assert sum(manifest.left_out.values()) + manifest.counts["transitions"] == manifest.counts["rows"]
+    used = pd.read_parquet(folder / "candidates.parquet")
+    assert used["cost"].tolist() == every.loc[included & ~excluded, "cost"].tolist()
+
+
+def test_a_rule_that_no_row_fits_is_told_of(workspace):
+    listener = Listener()
+    settings = SMALL.model_copy(update={"exclude": (Rule(cost=(0, 1e9), log_id=("log-z",)),)})
+    folder, _ = curate(workspace, settings, PLANT, MDP, progress=listener)
+    assert "no row fits curate.exclude[0]" in listener.warnings[0]
+    assert "excluded_by_rule" not in Manifest.read(folder).left_out
+
+
+def test_rules_that_leave_nothing_are_told_of(workspace):
+    settings = SMALL.model_copy(update={"include": (Rule(gap_error_m=(1, 2)),)})
+    with pytest.raises(ArtefactError, match=r"not_in_include_rule: 316.*\[\[curate.include\]\]"):
+        curate(workspace, settings, PLANT, MDP)

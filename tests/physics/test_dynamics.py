@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from maglev_offline.physics.dynamics import (
+    FEW,
     Integrator,
     State,
     derivative,
@@ -99,3 +102,41 @@ def test_stops_hold_and_take_the_velocity() -> None:
 def test_current_does_not_turn_round() -> None:
     state = State(np.array([0.008]), np.array([0.0]), np.array([0.1]))
     assert step(PLANT, state, np.array([-200.0]), 1e-3).current_a[0] == 0.0
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.integers(1, FEW),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["number", "one", "each"]),
+    st.sampled_from([700.0, [700.0]]),
+)
+def test_a_magnet_moves_to_the_same_bits_alone_and_in_a_batch(n: int, seed: int, force: str, mass: object) -> None:
+    """Few magnets are advanced as floats, many as arrays; stops and a current of 0 are met on the way."""
+    rng, many = np.random.default_rng(seed), FEW + 1
+    few = State(rng.uniform(0.0005, 0.016, n), rng.normal(0, 0.5, n), rng.uniform(0, 40, n))
+    batch = State(*(np.resize(field, many) for field in few))
+    plant = PLANT.model_copy(update={"mass_kg": np.array(mass) if isinstance(mass, list) else mass})
+    for _ in range(10):
+        volts, f = rng.uniform(-300, 300, n), rng.normal(0, 3000, n)
+        acting = {"number": f[0], "one": f[:1], "each": f}[force]
+        acts = np.resize(acting, many) if force == "each" else acting
+        few = step(plant, few, volts, 1e-3, force_n=acting, integrator="rk4")
+        batch = step(plant, batch, np.resize(volts, many), 1e-3, force_n=acts, integrator="rk4")
+        for alone, among in zip(few, batch, strict=True):
+            assert alone.shape == (n,)
+            np.testing.assert_array_equal(alone, among[:n])
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk4"])
+def test_floats_move_as_arrays_do(integrator: Integrator) -> None:
+    state = a_state(FEW + 1)
+    moved = step(PLANT, state, 20.0, 1e-3, force_n=100.0, integrator=integrator)
+    for k, magnet in enumerate(zip(*(field.tolist() for field in state), strict=True)):
+        alone = step(PLANT, State(*magnet), 20.0, 1e-3, force_n=100.0, integrator=integrator)
+        assert alone == tuple(field[k] for field in moved)
+
+
+def test_a_lone_magnet_that_is_no_number_stays_none() -> None:
+    lost = State(*np.full((3, 1), np.nan))
+    assert np.isnan(step(PLANT, lost, np.array([20.0]), 1e-3, integrator="rk4")).all()

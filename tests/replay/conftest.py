@@ -23,6 +23,7 @@ def transitions():
         table[f"next_{name}"] = table[name] + rng.normal(0, 1e-3, n)
     table["terminated"] = np.arange(n) % 25 == 24
     table["truncated"] = np.arange(n) % 10 == 9
+    table["discount"] = Mdp().discount * ~table["terminated"]
     table["split"] = "train"
     return table
 
@@ -31,13 +32,14 @@ def transitions():
 def put_transitions(tmp_path):
     """Commit curated transitions, and return their workspace."""
 
-    def put(table, plant=None, mdp=None):
+    def put(table, plant=None, mdp=None, construction="raw"):
         workspace = Workspace(tmp_path / "workspace")
         manifest = Manifest("transitions", "by hand", {})
         manifest.settings = {
             "plant": (plant or Plant()).model_dump(mode="json"),
             "mdp": (mdp or Mdp()).model_dump(mode="json"),
         }
+        manifest.counts, manifest.facts = {"transitions": len(table)}, {"construction": construction}
         with workspace.commit(workspace.path("transitions"), manifest) as draft:
             table.to_parquet(draft / "transitions.parquet")
         return workspace

@@ -17,7 +17,7 @@ def test_columns_are_the_transitions_over_their_scales(transitions):
         gap_scale_m=0.004, velocity_scale_m_s=0.1, current_scale_a=5.0, voltage_limit_v=250, discount=0.95,
         control_period_ms=10,
     )  # fmt: skip
-    found = scaled(transitions, mdp)
+    found = scaled(transitions.assign(discount=0.95 * ~transitions["terminated"]), mdp)
     for row in range(len(transitions)):
         one = transitions.iloc[row]
         seen = [one["gap_error_m"] / 0.004, one["gap_velocity_m_s"] / 0.1, one["current_error_a"] / 5]
@@ -36,23 +36,34 @@ def test_only_a_terminated_row_cuts_the_discount(transitions):
     np.testing.assert_array_equal(found["truncated"], transitions["truncated"])
 
 
-def test_the_discount_is_that_of_the_row_where_it_has_one(transitions, put_transitions):
+def test_the_discount_is_that_of_the_row(transitions, put_transitions):
     own = np.linspace(0.3, 0.9, 100)
     table = transitions.assign(discount=own * ~transitions["terminated"])
     found = load_prefill(make_prefill(put_transitions(table), "td3", ALL, PLANT, MDP)[0])
     np.testing.assert_allclose(found["discount"], np.where(transitions["terminated"], 0, own), rtol=1e-6)
 
 
+def test_a_buffer_without_a_slot_for_new_rows_is_refused_before_anything_is_made(transitions, put_transitions):
+    workspace = put_transitions(transitions)
+    with pytest.raises(InputError, match="100 prefilled rows do not fit into 100 slots"):
+        make_prefill(workspace, "ddpg", ALL, PLANT, MDP, capacity=100)
+    assert not workspace.path("prefill").exists()
+    assert make_prefill(workspace, "ddpg", ALL, PLANT, MDP, capacity=101)[1]
+    assert make_prefill(workspace, "ddpg", PrefillSettings(rows=99), PLANT, MDP, capacity=100)[1]
+    with pytest.raises(InputError, match="do not fit"):
+        make_prefill(workspace, "ddpg", PrefillSettings(rows=99), PLANT, MDP, capacity=99)
+
+
 def test_an_action_beyond_the_limit_is_refused_with_the_number(transitions):
-    with pytest.raises(InputError, match=r"times the voltage limit of 100 V.*mdp.voltage_limit_v"):
+    with pytest.raises(InputError, match=r"row \d+, column voltage_deviation_v.*limit of 100 V.*mdp.voltage_limit_v"):
         scaled(transitions, Mdp(voltage_limit_v=100))
 
 
 @pytest.mark.parametrize("column", ["gap_error_m", "voltage_deviation_v", "cost", "next_current_error_a", "discount"])
 def test_a_value_that_is_not_finite_is_refused(transitions, column):
-    table = transitions.assign(discount=MDP.discount)
+    table = transitions.copy()
     table.loc[7, column] = np.nan
-    with pytest.raises(InputError, match="not finite"):
+    with pytest.raises(InputError, match=f"row 7, column {column}: the value is not finite"):
         scaled(table, MDP)
 
 

@@ -39,7 +39,9 @@ def with_transitions(tiny_world):
         table = pd.DataFrame(rng.normal(0, [0.002, 0.05, 2.0], (30, 3)), columns=states)
         table[[f"next_{name}" for name in states]] = table[states].to_numpy()
         table["voltage_deviation_v"] = rng.uniform(-150, 150, 30)
-        table = table.assign(cost=0.1, terminated=False, truncated=False, split="train")
+        table = table.assign(
+            cost=0.1, discount=tiny_world.mdp.discount, terminated=False, truncated=False, split="train"
+        )
         workspace = Workspace(root)
         manifest = Manifest("transitions", "by hand", {})
         manifest.settings = {name: getattr(tiny_world, name).model_dump(mode="json") for name in ("plant", "mdp")}

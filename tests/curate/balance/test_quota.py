@@ -3,13 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maglev_offline.curate.balance import (
-    balanced_choice,
-    cells_of,
-    effective_sample_size,
-    importance_weights,
-    occupancy,
-)
+from maglev_offline.curate.balance.quota import balanced_choice
+from maglev_offline.curate.measures.occupancy import occupancy
 
 cells = st.lists(st.integers(0, 12), min_size=1, max_size=200).map(lambda x: np.array(x, dtype=np.int64))
 seeds = st.integers(0, 100)
@@ -89,52 +84,3 @@ def test_balance_evens_out_a_log_that_stands_at_its_set_point():
     assert before.effective_cells < 1.1
     assert after.effective_cells == pytest.approx(10)
     assert after.entropy == pytest.approx(np.log(10))
-
-
-def test_occupancy_of_cells_counted_by_hand():
-    found = occupancy(np.array([4, 4, 9, 4]))
-    assert found.rows == 4
-    assert found.occupied_cells == 2
-    assert found.entropy == pytest.approx(-(0.75 * np.log(0.75) + 0.25 * np.log(0.25)))
-    assert found.effective_cells == pytest.approx(1 / (0.75**2 + 0.25**2))
-    assert occupancy(np.array([], dtype=np.int64)) == (0, 0, 0.0, 0.0)
-
-
-@given(cells, st.integers(13, 250), seeds)
-def test_weights_restore_the_share_that_every_cell_had(cell, target, seed):
-    chosen = balanced_choice(cell, target, np.random.default_rng(seed))
-    weight = importance_weights(cell, chosen)
-    assert weight.mean() == pytest.approx(1)
-    restored = np.bincount(cell[chosen], weights=weight, minlength=13) / weight.sum()
-    np.testing.assert_allclose(restored, np.bincount(cell, minlength=13) / len(cell), atol=1e-12)
-
-
-def test_the_effective_sample_size_is_that_of_kish():
-    assert effective_sample_size(np.array([1.0, 1, 1, 1])) == pytest.approx(4)
-    assert effective_sample_size(np.array([3.0, 1.0])) == pytest.approx(16 / 10)
-    assert effective_sample_size(np.array([])) == 0
-
-
-def test_cells_cut_each_dimension_into_equal_intervals():
-    values = np.array([[0.0, 0.0], [0.49, 0.0], [0.51, 0.0], [1.0, 3.0]])
-    assert cells_of(values, (2, 3), 0.0).tolist() == [0, 0, 3, 5]
-
-
-def test_outliers_fall_into_the_cells_at_the_edge():
-    values = np.concatenate([np.linspace(0, 1, 1000), [1e300, -1e300]])[:, None]
-    cell = cells_of(values, (10,), 0.01)
-    assert (cell[-2:] == [9, 0]).all()
-    assert np.bincount(cell).min() > 80
-
-
-@pytest.mark.parametrize("spread", [0.0, 5e-324])
-def test_a_dimension_that_stands_still_is_one_cell(spread):
-    values = np.stack([np.linspace(0, 1, 50), np.where(np.arange(50) % 2, 0.3, 0.3 + spread)], axis=1)
-    assert len(np.unique(cells_of(values, (5, 10), 0.005))) == 5
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=50), st.integers(1, 20), st.floats(0, 0.49))
-def test_every_row_has_a_cell_of_the_grid_and_order_is_kept(values, bins, edge):
-    cell = cells_of(np.array(values)[:, None], (bins,), edge)
-    assert ((cell >= 0) & (cell < bins)).all()
-    assert (np.diff(cell[np.argsort(values, kind="stable")]) >= 0).all()

@@ -1,0 +1,1 @@
+"""The prefill in the forms that other libraries read; one module a form, and none needs its library to be written."""
