@@ -194,7 +194,8 @@ def curate(
     construction: Annotated[
         str | None,
         typer.Option(
-            "--construction", help="raw, semi_markov, interpolated or simulated_next. [default: the recipe's]"
+            "--construction",
+            help="raw, semi_markov, interpolated, consistent, reconstructed or simulated_next. [default: the recipe's]",
         ),
     ] = None,
     balance: Annotated[

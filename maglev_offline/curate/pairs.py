@@ -24,7 +24,8 @@ class Pairs:
     `state` and `next_state` [n, 3] in the order of `mdp.STATE_NAMES`, `voltage_v` and `next_voltage_v` [n] (v = u -
     u_eq), `duration_s` [n], all in SI units. `touches`: the second sample is in contact with a stop.
     `velocity_logged`: both velocities were logged, not made from differences of the gap. `last`: the pair ends its
-    segment. `place`: a table of the columns of `PLACE`, for the first sample.
+    segment. `place`: a table of the columns of `PLACE`, for the first sample. `samples`: the table they are of, in
+    order, and `row` [n]: where the first sample is in it.
     """
 
     state: Array
@@ -36,6 +37,8 @@ class Pairs:
     velocity_logged: Mask
     last: Mask
     place: pd.DataFrame
+    samples: pd.DataFrame
+    row: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.duration_s)
@@ -63,6 +66,8 @@ def pairs_of(samples: pd.DataFrame, plant: Plant) -> Pairs:
         velocity_logged=logged[first] & logged[first + 1],
         last=~np.append(joined, False)[first + 1],
         place=here[list(PLACE)].reset_index(drop=True),
+        samples=samples,
+        row=first,
     )
 
 

@@ -4,11 +4,15 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from maglev_offline.curate.recovery.settings import RecoverySettings
 from maglev_offline.curate.rules import Rule
 from maglev_offline.settings import Settings
 
-ConstructionName = Literal["raw", "semi_markov", "interpolated", "simulated_next"]
+ConstructionName = Literal["raw", "semi_markov", "interpolated", "consistent", "reconstructed", "simulated_next"]
 """How rows are made from pairs of samples; see `constructions`."""
+
+CONSISTENT_SHARE = 0.25
+"""What `consistent` keeps unless the recipe says otherwise: what made interpolated 100 ms rows fit (decision 14)."""
 
 BalanceName = Literal["cells", "quantiles", "inverse_density", "coverage", "low_cost", "none"]
 """How rows are chosen; see `balance`."""
@@ -18,7 +22,8 @@ class CurateSettings(Settings):
     """How transitions are made, and which are kept.
 
     `construction` says how rows come from pairs of samples. `consistent_fraction`: keep this share of the usable rows,
-    those that agree best with the simulator over one step (not given: all). A row is used where it fits one of the
+    those that agree best with the simulator over one step (not given: all, but 0.25 where `construction` is
+    `consistent`, which are interpolated rows with this filter). A row is used where it fits one of the
     `include` rules (or there are none) and no `exclude` rule; `balance` chooses `target_rows` of what remains. State
     and action are cut into `bins_*` cells between the `edge_quantile` and its complement, in which all balances are
     measured; with `cells` every cell gives as many rows as the fullest can spare. `low_cost_quantile` says what counts
@@ -39,6 +44,7 @@ class CurateSettings(Settings):
     edge_quantile: float = Field(default=0.005, ge=0, lt=0.5)
     low_cost_quantile: float = Field(default=0.25, gt=0, lt=1)
     validation_share: float = Field(default=0.0, ge=0, lt=1)
+    recovery: RecoverySettings = RecoverySettings()
 
     @model_validator(mode="after")
     def _filter_has_something_to_do(self) -> "CurateSettings":
@@ -48,3 +54,10 @@ class CurateSettings(Settings):
                 '"simulated_next" are the simulator\'s own, and all agree with it'
             )
         return self
+
+    @property
+    def share_kept(self) -> float | None:
+        """The share of the usable rows that the filter by consistency keeps; None where there is no filter."""
+        if self.consistent_fraction is None and self.construction == "consistent":
+            return CONSISTENT_SHARE
+        return self.consistent_fraction

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from maglev_offline.control.pid import CascadeGains, PidGains
+from maglev_offline.curate.recovery.belief import Belief
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.store import load_samples
@@ -20,6 +22,10 @@ from maglev_offline.workspace import Manifest, Workspace, fingerprint
 if TYPE_CHECKING:  # pandas takes half a second to import, and a run that finds all unchanged needs none
     import pandas as pd
 
+    from maglev_offline.curate.usable import Usable
+
+_PID, _CASCADE = PidGains(), CascadeGains()
+
 LAYOUT = 2
 """Counts up where the files or facts of the artefact become others, so that an older one is made anew."""
 
@@ -30,14 +36,16 @@ def curate(
     plant: Plant,
     mdp: Mdp,
     *,
+    pid: PidGains = _PID,
+    cascade: CascadeGains = _CASCADE,
     folders: Sequence[Path] | None = None,
     home: Path | None = None,
     progress: Progress = SILENT,
 ) -> tuple[Path, bool]:
     """Make the `transitions` artefact from samples; return its folder and whether anything was done.
 
-    `folders`: the samples artefacts to take; all of the workspace, where it is not given. `home`: another place for
-    the artefact, below the workspace.
+    `pid`, `cascade`: the gains of the laws that the recovery may find in the logs. `folders`: the samples artefacts to
+    take; all of the workspace, where it is not given. `home`: another place for the artefact, below the workspace.
 
     The folder holds `transitions.parquet` (the curated set, from the logs for training) and `candidates.parquet` (every
     usable transition of all logs), so that nothing that balance left out is lost; and what was judged before training:
@@ -50,19 +58,22 @@ def curate(
     folders = _samples(workspace, folders)
     inputs = {f"samples/{folder.name}": workspace.input_hash(folder) for folder in folders}
     home = home or workspace.path("transitions")
-    mark = fingerprint("curate", inputs, settings, plant, mdp, layout=LAYOUT)
+    mark = fingerprint("curate", inputs, settings, plant, mdp, pid, cascade, layout=LAYOUT)
     if workspace.is_current(home, mark):
         return home, False
 
+    from maglev_offline.curate.usable import usable_rows
+
     samples = load_samples(folders)
-    found = _usable(samples, workspace, settings, plant, mdp)
+    belief = Belief(settings.recovery, pid, cascade)
+    found = usable_rows(samples, str(workspace.path("samples")), settings, plant, mdp, belief)
     made = _balanced(found.candidates, settings, plant, mdp)
     judged = _judged(samples, made.training, settings, plant, mdp)
     manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
-    tables = {"curate": settings, "plant": plant, "mdp": mdp}
+    tables = {"curate": settings, "plant": plant, "mdp": mdp, "pid": pid, "cascade": cascade}
     manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
     manifest.counts, manifest.left_out = _books(found, made)
-    manifest.facts = made.facts | judged.facts
+    manifest.facts = made.facts | judged.facts | {"recovery": found.recovery}
     _tell(progress, found, made.training, settings, manifest.facts["doubts"])
     with workspace.commit(home, manifest) as draft:
         for name, part in {"transitions": made.curated, "candidates": found.candidates, **judged.tables}.items():
@@ -107,88 +118,6 @@ def _judged(samples: pd.DataFrame, training: pd.DataFrame, settings: CurateSetti
     return _Judged(facts, {"diagnostic_rows": rows, "diagnostic_cells": cells, "residuals": residuals})
 
 
-class _Usable(NamedTuple):
-    """The usable transitions, of how many pairs of samples, and why a row that was made is none (empty: it is one).
-
-    `idle_rules`: the rules of the recipe that no row fits.
-    """
-
-    candidates: pd.DataFrame
-    pairs: int
-    reason: pd.Series
-    idle_rules: tuple[str, ...] = ()
-
-    @property
-    def unit(self) -> str:
-        """What was made: a row for each pair, or several."""
-        return "pairs" if len(self.reason) == self.pairs else "rows"
-
-
-def _usable(samples: pd.DataFrame, workspace: Workspace, settings: CurateSettings, plant: Plant, mdp: Mdp) -> _Usable:
-    from maglev_offline.curate.constructions import CONSTRUCTIONS
-    from maglev_offline.curate.pairs import pairs_of
-    from maglev_offline.curate.transitions import unusable
-
-    where = str(workspace.path("samples"))
-    pairs = pairs_of(samples, plant)
-    if not len(pairs):
-        raise ArtefactError(
-            "no two samples follow each other in a segment, so there is no transition.",
-            where=where,
-            todo="Look at [ingest] longest_bridge_ms against the period of the messages.",
-        )
-    table = CONSTRUCTIONS[settings.construction](pairs, plant, mdp)
-    reason = unusable(table, mdp)
-    idle_rules = _leave_out_by_rules(table, reason, settings)
-    if settings.consistent_fraction is not None:
-        _leave_out_inconsistent(table, reason, settings.consistent_fraction, plant, mdp)
-    found = _Usable(table[reason == ""].reset_index(drop=True), len(pairs), reason, idle_rules)
-    if found.candidates.empty:
-        raise ArtefactError(
-            f"no usable transition in {len(reason)} {found.unit} of samples ({_listing(reason)}).",
-            where=where,
-            todo=_todo(reason),
-        )
-    return found
-
-
-def _leave_out_by_rules(table: pd.DataFrame, reason: pd.Series, settings: CurateSettings) -> tuple[str, ...]:
-    """Give a reason to those usable rows that the rules leave out; return the rules that no row fits."""
-    from maglev_offline.curate.rules import fits, left_out_by
-
-    excluded, not_included = left_out_by(table, settings.include, settings.exclude)
-    usable = (reason == "").to_numpy()
-    reason[usable & not_included] = "not_in_include_rule"
-    reason[usable & excluded] = "excluded_by_rule"
-    named = {"include": settings.include, "exclude": settings.exclude}
-    return tuple(
-        f"curate.{name}[{k}]"
-        for name, rules in named.items()
-        for k, rule in enumerate(rules)
-        if not fits(table, rule).any()
-    )
-
-
-def _leave_out_inconsistent(table: pd.DataFrame, reason: pd.Series, fraction: float, plant: Plant, mdp: Mdp) -> None:
-    """Give a reason to those usable rows that agree least with the simulator."""
-    from maglev_offline.curate.consistency import inconsistent, one_step_residual
-
-    usable = np.flatnonzero(reason == "")
-    marked = inconsistent(one_step_residual(table.iloc[usable], plant, mdp), fraction)
-    reason.iloc[usable[marked]] = "inconsistent_with_simulator"
-
-
-def _todo(reason: pd.Series) -> str:
-    if reason.isin(["excluded_by_rule", "not_in_include_rule"]).any():
-        return "Check the ranges in [[curate.include]] and [[curate.exclude]]: they are in SI units."
-    if (reason == "shorter_than_a_decision").any():
-        return (
-            "The samples lie closer than mdp.control_period_ms: take another [curate] construction, "
-            "or a larger ingest.grid_ms."
-        )
-    return "Check the units in [signals], and mdp.voltage_limit_v against the logged voltage."
-
-
 class _Balanced(NamedTuple):
     """The rows for training, those of them that balance chose, and what that changed."""
 
@@ -218,7 +147,7 @@ def _balanced(candidates: pd.DataFrame, settings: CurateSettings, plant: Plant, 
     return _Balanced(training, curated, coverage_facts(rows, chosen, weight, settings, plant, mdp))
 
 
-def _books(found: _Usable, made: _Balanced) -> tuple[dict[str, int], dict[str, int]]:
+def _books(found: Usable, made: _Balanced) -> tuple[dict[str, int], dict[str, int]]:
     """Counts, and what was left out by reason: rows are those that were curated and all that was left out."""
     counts = {
         "pairs": found.pairs,
@@ -236,9 +165,11 @@ def _books(found: _Usable, made: _Balanced) -> tuple[dict[str, int], dict[str, i
 
 
 def _tell(
-    progress: Progress, found: _Usable, training: pd.DataFrame, settings: CurateSettings, doubts: Sequence[str]
+    progress: Progress, found: Usable, training: pd.DataFrame, settings: CurateSettings, doubts: Sequence[str]
 ) -> None:
     """Warn of what the recipe asks for in vain, to hold out, to leave out or to balance, and of doubts."""
+    from maglev_offline.curate.usable import listing
+
     for rule in found.idle_rules:
         progress.warn(f"no row fits {rule}: its ranges are in SI units, its names those of the logs and points.")
     if settings.validation_share > 0 and len(training) == len(found.candidates):
@@ -248,14 +179,10 @@ def _tell(
         )
     if len(training) <= settings.target_rows:
         unused = (found.reason != "").any()
-        lost = f" ({_listing(found.reason)} of {len(found.reason)} {found.unit} are not usable)" if unused else ""
+        lost = f" ({listing(found.reason)} of {len(found.reason)} {found.unit} are not usable)" if unused else ""
         progress.warn(
             f"only {len(training)} usable transitions{lost} for curate.target_rows = {settings.target_rows}: "
             "all are kept, nothing is balanced."
         )
     for doubt in doubts:
         progress.warn(doubt)
-
-
-def _listing(reason: pd.Series) -> str:
-    return ", ".join(f"{code}: {n}" for code, n in reason[reason != ""].value_counts().items())

@@ -76,21 +76,32 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
     ------
     ArtefactError: there are no samples, or only such as another recipe made.
     """
+    from maglev_offline.curate.recovery.words import recovery_words
     from maglev_offline.curate.stage import curate as run_curate
     from maglev_offline.curate.words import balance_words, residual_lines, verdict_words
 
     if folders is None:
         folders = fitting_samples(recipe, workspace, progress)
-    folder, fresh = run_curate(workspace, recipe.curate, recipe.plant, recipe.mdp, folders=folders, progress=progress)
+    folder, fresh = run_curate(
+        workspace,
+        recipe.curate,
+        recipe.plant,
+        recipe.mdp,
+        pid=recipe.control.pid,
+        cascade=recipe.control.cascade,
+        folders=folders,
+        progress=progress,
+    )
     manifest = Manifest.read(folder)
-    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic", "residual")}
+    judged = {name: manifest.facts[name] for name in ("construction", "diagnostic", "recovery", "residual")}
     return Done(
         "curate",
         folder,
         fresh,
         f"{manifest.counts['transitions']:,} transitions of {manifest.counts['candidates']:,} usable ones, from "
         f"{len(manifest.inputs)} log{'s' * (len(manifest.inputs) != 1)} in the workspace; "
-        f"{balance_words(manifest.facts)}; {verdict_words(manifest.facts)}",
+        f"{balance_words(manifest.facts)}; {verdict_words(manifest.facts)}; "
+        f"{recovery_words(manifest.facts['recovery'])}",
         {
             "counts": manifest.counts,
             "left_out": manifest.left_out,

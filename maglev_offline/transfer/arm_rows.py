@@ -61,6 +61,8 @@ def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sour
             plan.curate,
             world.plant,
             world.mdp,
+            pid=sources.control.pid,
+            cascade=sources.control.cascade,
             folders=[workspace.path(name) for name in Manifest.read(base).inputs],
             home=workspace.path("arms", plan.name, "curated" if plan.rows == "shuffled" else "transitions"),
         )

@@ -32,6 +32,7 @@ class ArmSettings(Settings):
 BUILT_IN: dict[str, ArmSettings] = {
     "empty": ArmSettings(rows="nothing"),
     "prefill": ArmSettings(),
+    "uncurated": ArmSettings(curate={"balance": "none"}),
     "shuffled": ArmSettings(rows="shuffled"),
     "random_policy": ArmSettings(rows="random_policy"),
     "pid": ArmSettings(rows="pid"),

@@ -4,8 +4,10 @@ from collections.abc import Callable
 
 import pandas as pd
 
+from maglev_offline.curate.constructions.consistent import consistent_rows
 from maglev_offline.curate.constructions.interpolated import interpolated_rows
 from maglev_offline.curate.constructions.raw import raw_rows
+from maglev_offline.curate.constructions.reconstructed import reconstructed_rows
 from maglev_offline.curate.constructions.semi_markov import semi_markov_rows
 from maglev_offline.curate.constructions.simulated_next import simulated_next_rows
 from maglev_offline.curate.pairs import Pairs
@@ -20,5 +22,7 @@ CONSTRUCTIONS: dict[ConstructionName, Construction] = {
     "raw": raw_rows,
     "semi_markov": semi_markov_rows,
     "interpolated": interpolated_rows,
+    "consistent": consistent_rows,
+    "reconstructed": reconstructed_rows,
     "simulated_next": simulated_next_rows,
 }

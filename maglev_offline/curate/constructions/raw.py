@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from maglev_offline import mdp as process
-from maglev_offline.curate.constructions.rows import Rows, table_of
+from maglev_offline.curate.constructions.rows import one_row_a_pair, table_of
 from maglev_offline.curate.pairs import Pairs
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
@@ -17,17 +17,6 @@ def raw_rows(pairs: Pairs, _plant: Plant, mdp: Mdp) -> pd.DataFrame:
     controller went on acting. Where the samples are further apart than decisions, the row says of one decision what
     many have done.
     """
-    n = len(pairs)
-    rows = Rows(
-        state=pairs.state,
-        voltage_v=pairs.voltage_v,
-        cost=process.row_cost(mdp, pairs.state, pairs.voltage_v),
-        next_state=pairs.next_state,
-        duration_s=pairs.duration_s,
-        discount=np.full(n, mdp.discount),
-        touches=pairs.touches,
-        last=pairs.last,
-        pair=np.arange(n),
-        substep=np.zeros(n, dtype=np.int64),
-    )
+    cost = process.row_cost(mdp, pairs.state, pairs.voltage_v)
+    rows = one_row_a_pair(pairs, cost=cost, discount=np.full(len(pairs), mdp.discount))
     return table_of(rows, pairs, mdp, "raw")

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from maglev_offline.curate.constructions.rows import Rows, table_of
+from maglev_offline.curate.constructions.rows import one_row_a_pair, table_of
 from maglev_offline.curate.pairs import Pairs
 from maglev_offline.curate.simulator import hold
 from maglev_offline.mdp import Mdp
@@ -18,16 +18,12 @@ def simulated_next_rows(pairs: Pairs, plant: Plant, mdp: Mdp) -> pd.DataFrame:
     """
     n = len(pairs)
     held = hold(plant, mdp, pairs.state, pairs.voltage_v)
-    rows = Rows(
-        state=pairs.state,
-        voltage_v=pairs.voltage_v,
+    rows = one_row_a_pair(
+        pairs,
         cost=held.cost - mdp.contact_penalty * held.touched,
+        discount=np.full(n, mdp.discount),
         next_state=held.next_state,
         duration_s=np.full(n, mdp.plant_steps_per_decision * mdp.plant_step_s),
-        discount=np.full(n, mdp.discount),
         touches=held.touched,
-        last=pairs.last,
-        pair=np.arange(n),
-        substep=np.zeros(n, dtype=np.int64),
     )
     return table_of(rows, pairs, mdp, "simulated_next")

@@ -15,7 +15,7 @@ PLANT, MDP = Plant(), Mdp()
 COLUMNS = [
     "gap_error_m", "gap_velocity_m_s", "current_error_a", "voltage_deviation_v", "cost",
     "next_gap_error_m", "next_gap_velocity_m_s", "next_current_error_a",
-    "duration_s", "discount", "terminated", "truncated", "origin",
+    "duration_s", "discount", "terminated", "truncated", "origin", "uncertainty",
     "log_id", "point", "t", "segment", "step", "substep",
 ]  # fmt: skip
 
