@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -17,11 +17,27 @@ ROW_GROUP = 2**18
 """Rows of a row group of a long table."""
 
 
-def write_parquet(table: pa.Table | pd.DataFrame, path: Path) -> None:
-    """Write a table with zstd compression and without pandas' own metadata, which names its version."""
-    if not isinstance(table, pa.Table):
-        table = pa.Table.from_pandas(table, preserve_index=False).replace_schema_metadata()
-    pq.write_table(table, path, compression="zstd")
+AT_ONCE = 2**20
+"""Rows of a row group of a table that is written whole (pyarrow's default), and so many are made Arrow at once."""
+
+
+def write_parquet(table: pa.Table | pd.DataFrame, path: Path, as_text: Collection[str] = ()) -> None:
+    """Write a table with zstd compression and without pandas' own metadata, which names its version.
+
+    `as_text`: columns of categories that are written as text; of a long table only a part is text at a time.
+    """
+    if isinstance(table, pa.Table):
+        pq.write_table(table, path, compression="zstd")
+        return
+    text = {name: "str" for name in as_text if name in table}
+    writer: pq.ParquetWriter | None = None
+    for begin in range(0, max(len(table), 1), AT_ONCE):
+        part = table.iloc[begin : begin + AT_ONCE].astype(text)
+        rows = pa.Table.from_pandas(part, preserve_index=False).replace_schema_metadata()
+        writer = writer or pq.ParquetWriter(path, rows.schema, compression="zstd")
+        writer.write_table(rows, row_group_size=AT_ONCE)
+    if writer is not None:
+        writer.close()
 
 
 class ParquetSink:

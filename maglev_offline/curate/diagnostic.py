@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 Verdict = Literal["fit", "doubtful", "harmful"]
 
 MOST_ROWS = 4000
-"""So many rows are judged, drawn by the seed, which takes a second. Errors have heavy tails; the intervals say so."""
+"""So many rows are judged, drawn by the seed, which takes a second."""
 
 FIT_ERROR, HARMFUL_ERROR = 0.75, 3.0
 """Error over the spread of the advantage. With an error that is independent of the advantage and as normal, two rows
@@ -94,6 +94,7 @@ class Diagnostic:
 class Judged(NamedTuple):
     """The n rows that are judged, their targets, and what both diagnostics (whole and by cell) resample.
 
+    `weight` [n]: how many rows of the table each stands for, 1 where all are judged.
     `unit` [n]: the log or stretch of each row; `counts` [resamples, units]: how often each comes in each resample.
     """
 
@@ -102,16 +103,37 @@ class Judged(NamedTuple):
     resampled: Literal["logs", "stretches"]
     unit: NDArray[np.int64]
     counts: NDArray[np.int64]
+    weight: Array
 
 
 def judge(table: pd.DataFrame, plant: Plant, mdp: Mdp, seed: int) -> Judged:
     """Reckon the targets of the rows of a table of transitions, of at most `MOST_ROWS` that the seed chooses."""
+    weight = np.ones(len(table))
     if len(table) > MOST_ROWS:
-        chosen = stream(seed, "curate: diagnostic rows").choice(len(table), MOST_ROWS, replace=False)
-        table = table.iloc[np.sort(chosen)]
+        share = _shares(table[list(STATE)].to_numpy() / mdp.state_scale)
+        # Systematic: one draw, and every row that the steps of one along the summed shares fall into.
+        steps = stream(seed, "curate: diagnostic rows").random() + np.arange(MOST_ROWS)
+        chosen = np.minimum(np.searchsorted(np.cumsum(share), steps, side="right"), len(table) - 1)
+        table, weight = table.iloc[chosen], 1 / share[chosen]
     kind, unit = units_of(table)
     counts = resamples(stream(seed, "curate: diagnostic bootstrap"), int(unit.max()) + 1)
-    return Judged(table, targets_of(table, plant, mdp), kind, unit, counts)
+    return Judged(table, targets_of(table, plant, mdp), kind, unit, counts, weight)
+
+
+def _shares(state: Array) -> Array:
+    """Probability [n] of each row to be judged, of states over their scale [n, 3]; they add up to `MOST_ROWS`.
+
+    A quarter alike, the rest by the squared distance from the set-point: costs, advantages and errors grow with it, so
+    a few rows in a thousand make most of both numbers, and equal shares leave the verdict to which of them are drawn.
+    """
+    far = np.sum(state**2, axis=1)
+    wanted = 0.25 / len(far) + 0.75 * far / max(float(far.sum()), np.finfo(float).tiny)
+    share: Array = np.minimum(wanted * MOST_ROWS / wanted.sum(), 1.0)
+    for _ in range(30):  # what is above one goes to the others
+        rest = share < 1
+        share[rest] *= (MOST_ROWS - np.count_nonzero(~rest)) / share[rest].sum()
+        share = np.minimum(share, 1.0)
+    return share
 
 
 def diagnose(table: pd.DataFrame, plant: Plant, mdp: Mdp, seed: int) -> Diagnostic:
@@ -124,7 +146,7 @@ def diagnose(table: pd.DataFrame, plant: Plant, mdp: Mdp, seed: int) -> Diagnost
 
 def diagnosis_of(judged: Judged) -> Diagnostic:
     """Both numbers of all rows that are judged, and the verdict on them."""
-    sums = sums_by_unit(judged.targets, judged.unit, judged.counts.shape[1])
+    sums = sums_by_unit(judged.targets, judged.unit, judged.counts.shape[1], judged.weight)
     error, correlation = statistics(sums.sum(axis=0))
     errors, correlations = statistics(judged.counts @ sums)
     between = [interval(values) if len(sums) > 1 else None for values in (errors, correlations)]
@@ -150,7 +172,7 @@ def verdict_of(error: Interval | None, correlation: Interval | None) -> Verdict:
     return "fit" if error[1] <= FIT_ERROR and correlation[0] >= FIT_CORRELATION else "doubtful"
 
 
-def sums_by_unit(found: Targets, unit: NDArray[np.int64], units: int) -> Array:
+def sums_by_unit(found: Targets, unit: NDArray[np.int64], units: int, weight: Array) -> Array:
     """Sums [units, 7] of which every statistic is made, so that a resample costs a product of matrices.
 
     Columns: rows, error^2, A, A^2, y - V(s), its square, its product with A; both shifted by their means against loss
@@ -159,9 +181,8 @@ def sums_by_unit(found: Targets, unit: NDArray[np.int64], units: int) -> Array:
     advantage = found.advantage - found.advantage.mean()
     taught = found.taught - found.value
     taught = taught - taught.mean()
-    one = np.ones_like(advantage)
-    columns = [one, found.error**2, advantage, advantage**2, taught, taught**2, taught * advantage]
-    return np.stack([np.bincount(unit, weights=column, minlength=units) for column in columns], axis=1)
+    columns = [np.ones_like(advantage), found.error**2, advantage, advantage**2, taught, taught**2, taught * advantage]
+    return np.stack([np.bincount(unit, weights=weight * column, minlength=units) for column in columns], axis=1)
 
 
 def statistics(sums: Array) -> tuple[Array, Array]:

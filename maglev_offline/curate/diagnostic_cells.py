@@ -44,7 +44,9 @@ def diagnostic_cells(judged: Judged) -> pd.DataFrame:
     state = _cells(judged)
     cell = state.number
     cells, units = CELLS**2, judged.counts.shape[1]
-    sums = sums_by_unit(judged.targets, judged.unit * cells + cell, units * cells).reshape(units, cells, -1)
+    sums = sums_by_unit(judged.targets, judged.unit * cells + cell, units * cells, judged.weight).reshape(
+        units, cells, -1
+    )
     points = statistics(sums.sum(axis=0))
     drawn = statistics(np.tensordot(judged.counts.astype(np.float64), sums, axes=1))
     count, of_units = rows_and_units(cell, judged.unit, cells)

@@ -62,6 +62,7 @@ def curate(
     if workspace.is_current(home, mark):
         return home, False
 
+    from maglev_offline.curate.constructions.rows import NAMES
     from maglev_offline.curate.usable import usable_rows
 
     samples = load_samples(folders)
@@ -77,7 +78,7 @@ def curate(
     _tell(progress, found, made.training, settings, manifest.facts["doubts"])
     with workspace.commit(home, manifest) as draft:
         for name, part in {"transitions": made.curated, "candidates": found.candidates, **judged.tables}.items():
-            write_parquet(part, draft / f"{name}.parquet")
+            write_parquet(part, draft / f"{name}.parquet", as_text=NAMES)
     return home, True
 
 

@@ -8,8 +8,9 @@ from maglev_offline.curate.constructions.rows import NEXT_STATE as NEXT_STATE
 from maglev_offline.curate.constructions.rows import STATE as STATE
 from maglev_offline.mdp import Mdp
 
-MOST_UNCERTAIN = 1.0
-"""A recovered row whose state is not known to a state scale says nothing to a network."""
+MOST_UNCERTAIN = 0.2
+"""A recovered row whose state is not known to a fifth of a state scale (0.5 mm, 15 mm/s, 0.75 A) is not of
+that state: so it is in the first intervals of a run, and where the law's voltage leaves its limit between samples."""
 
 
 def unusable(table: pd.DataFrame, mdp: Mdp) -> pd.Series:

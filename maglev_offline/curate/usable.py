@@ -61,7 +61,9 @@ def usable_rows(
     idle_rules = _leave_out_by_rules(table, reason, settings)
     if settings.share_kept is not None:
         _leave_out_inconsistent(table, reason, settings.share_kept, plant, mdp)
-    found = Usable(table[reason == ""].reset_index(drop=True), len(pairs), reason, recovery, idle_rules)
+    usable = (reason == "").to_numpy()
+    candidates = table if usable.all() else table[usable].reset_index(drop=True)
+    found = Usable(candidates, len(pairs), reason, recovery, idle_rules)
     if found.candidates.empty:
         known = f"; {recovery_words(recovery)}" if settings.construction == "reconstructed" else ""
         raise ArtefactError(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maglev_offline.errors import MaglevOfflineError
 from maglev_offline.logs.columns import NO_TIME
 
-RULE_VERSION = 2
+RULE_VERSION = 3
 """Raised whenever a rule changes what it quarantines."""
 
 SCHEMA = pa.schema(

@@ -181,7 +181,7 @@ def _interpolated(raw: _Rows) -> NDArray[np.bool_]:
     found = np.zeros(len(raw.t_ns), dtype=np.bool_)
     for signal in raw.slower:
         if signal in UNIT_OF_SIGNAL:
-            found |= raw.origins[column_of(signal)] == Origin.INTERPOLATED
+            found |= np.isin(raw.origins[column_of(signal)], [Origin.INTERPOLATED, Origin.BRIDGED])
     return found
 
 

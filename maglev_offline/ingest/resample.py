@@ -25,9 +25,14 @@ class Origin(IntEnum):
     RECONSTRUCTED = 3
     FILTERED = 4
     AVERAGED = 5
+    BRIDGED = 6
 
 
 ORIGINS = tuple(origin.name.lower() for origin in Origin)
+
+SILENCE, ASTRAY = 1.5, 0.25
+"""A silence of so many periods holds no message where one was due; a value so many periods from its message is
+another's, and not one that jitter has moved."""
 
 
 def at_instant(place: Place, values: Values) -> tuple[Values, Origins]:
@@ -100,6 +105,17 @@ def _mean_between(t_ns: Times, values: Values, start: Times, end: Times, head: I
 def origins(place: Place, otherwise: Origin) -> Origins:
     """`measured`, which is 0, where a message lies on the instant."""
     return place.not_hit * np.int8(otherwise)
+
+
+def bridged(place: Place, period_ns: float) -> Mask:
+    """Rows [rows] whose own message is missing: the messages about them lie more than `SILENCE` periods apart, and the
+    nearest is more than `ASTRAY` periods away. `period_ns`: the grid's or the source's, whichever is greater."""
+    silence: Mask = place.t_after - place.t_before > SILENCE * period_ns
+    if not silence.any():
+        return silence
+    away = np.minimum(place.grid.t_ns - place.t_before, place.t_after - place.grid.t_ns)
+    found: Mask = silence & place.not_hit & (away > ASTRAY * period_ns)
+    return found
 
 
 def _taken(values: Values, index: Index, lost: Mask | None) -> Values:

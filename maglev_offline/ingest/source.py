@@ -40,6 +40,7 @@ class Source:
         self.slower = period > grid.period_ns * AS_FAST
         # The grid's share of a fast source's many messages would be later values, and not late ones.
         self._tolerance_ns = round(settings.hold_tolerance_share * min(grid.period_ns, period))
+        self._longer_period_ns = max(period, float(grid.period_ns))
 
     @cached_property
     def place(self) -> Place:
@@ -56,11 +57,25 @@ class Source:
         return wanted if self.faster else _WITHOUT_FASTER.get(wanted, wanted)
 
     def column(self, signal: str) -> tuple[Values, Origins]:
-        """Values and origins of a signal on the grid, shape [rows]."""
+        """Values and origins of a signal on the grid, shape [rows]; a value of the state that stands for a missing
+        message is `bridged`, whatever the policy."""
         rows, values = len(self.grid.t_ns), self.topic.values[signal]
         if rows == 0 or len(values) == 0:
             return np.full(rows, np.nan), np.full(rows, resample.Origin.INTERPOLATED, dtype=np.int8)
-        policy = self.policy(signal)
+        found, origin = self._by_policy(self.policy(signal), values)
+        if self._bridged is not None:
+            origin = np.where(self._bridged, np.int8(resample.Origin.BRIDGED), origin)
+        return found, origin
+
+    @cached_property
+    def _bridged(self) -> NDArray[np.bool_] | None:
+        """Rows without a message of their own, None where there is none; context may be as old as it is told to be."""
+        if self.longest_ns is not None or self.place.all_hit:
+            return None
+        lost = resample.bridged(self.place, self._longer_period_ns)
+        return lost if lost.any() else None
+
+    def _by_policy(self, policy: Policy, values: Values) -> tuple[Values, Origins]:
         if policy == "instant":
             return resample.at_instant(self.place, values)
         if policy == "nearest":

@@ -111,7 +111,7 @@ class TestSamples:
         samples, quarantine, _ = ingest(np.cumsum([0, 13, 2, 17, 9, 1]), values=values, signals=signals)
         np.testing.assert_array_equal(samples["t"].astype("int64"), T0 + np.arange(6) * 10 * MS)
         assert found_at(quarantine, "no_time") == [3]
-        assert samples["gap_origin"].tolist()[3] == "interpolated"
+        assert samples["gap_origin"].tolist()[3] == "bridged"
 
 
 class TestDefects:
@@ -177,7 +177,7 @@ class TestDefects:
         samples, quarantine, _ = ingest(REGULAR, values=values)
         assert found_at(quarantine, "not_finite") == [7]
         assert quarantine["detail"].tolist() == ["gap"]
-        assert samples["gap_origin"].tolist()[7] == "interpolated"
+        assert samples["gap_origin"].tolist()[7] == "bridged"
 
     def test_a_missing_context_value_costs_no_message(self, ingest):
         values = [value(load_kg=700.0) for _ in REGULAR]

@@ -14,4 +14,6 @@ def consistent_rows(pairs: Pairs, plant: Plant, mdp: Mdp) -> pd.DataFrame:
     The filter (`CurateSettings.share_kept` of the usable rows, by `consistency.one_step_residual`) comes after those
     that cannot be used are left out, and is the same that `consistent_fraction` puts on any construction.
     """
-    return interpolated_rows(pairs, plant, mdp).assign(origin="consistent")
+    table = interpolated_rows(pairs, plant, mdp)
+    table["origin"] = table["origin"].cat.rename_categories(["consistent"])
+    return table

@@ -9,14 +9,18 @@ from numpy.typing import NDArray
 from maglev_offline.curate.recovery.belief import Belief
 from maglev_offline.curate.recovery.between import Periods, joined_periods, periods_of
 from maglev_offline.curate.recovery.model import Model
-from maglev_offline.curate.recovery.recover import Recovery, recover
+from maglev_offline.curate.recovery.recover import ITERATIONS, Recovery, recover
 from maglev_offline.curate.recovery.settings import LawName, RecoverySettings
 from maglev_offline.curate.recovery.tracks import Tracks, tracks_of
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 
-TRIED_CHAINS, TRIED_SAMPLES = 12, 15
+TRIED_CHAINS, TRIED_SAMPLES, TRIED_ITERATIONS = 12, 15, 2
 """A law is chosen by so many chains of a log, the first samples of each: the start of a run moves most."""
+
+LEAST_GAIN = 6.0
+"""By so much a law must raise the log-likelihood of a sample, twice and in the mean, above no law at all: a law that
+did not act fits a little better than none by chance, and then shapes all that lies between the samples."""
 
 MOST_SURPRISE = 100.0
 """A sample counts no more than this for or against a law: one that meets a stop between samples is nobody's fault."""
@@ -46,7 +50,7 @@ def recover_logs(samples: pd.DataFrame, plant: Plant, mdp: Mdp, belief: Belief |
         mine = periods_of(one.recovery)
         tracks = one.recovery.tracks
         fine = np.zeros(len(samples), dtype=bool)
-        fine[tracks.row[tracks.inner]] = one.recovery.explained[tracks.chain[tracks.inner]]
+        fine[tracks.row[tracks.inner]] = one.recovery.trusted
         periods.append(mine)
         explained.append(fine[mine.sample])
     if not periods:
@@ -65,6 +69,7 @@ def recover_parts(
     belief: Belief,
     most_chains: int | None = None,
     most: int | None = None,
+    iterations: int = ITERATIONS,
 ) -> list[LogRecovery]:
     """Recover the chains of each log (`most_chains` of them, spread evenly, `most` samples in the middle of each)."""
     found = []
@@ -81,7 +86,7 @@ def recover_parts(
             mine = [log for log in logs if law_of[log] == law]
             if mine:
                 part = tracks.part(np.sort(np.concatenate([chains[log] for log in mine])), most, middle=True)
-                found.append(LogRecovery(tuple(map(str, mine)), law, recover(model, part)))
+                found.append(LogRecovery(tuple(map(str, mine)), law, recover(model, part, iterations)))
     return found
 
 
@@ -93,7 +98,7 @@ def some_of(chains: NDArray[np.int64], most: int | None) -> NDArray[np.int64]:
 
 
 def _choices(tracks: Tracks, chains: dict[str, NDArray[np.int64]], models: dict[LawName, Model]) -> dict[str, LawName]:
-    """For each log the law that foretells its samples best, in the mean log-likelihood of a sample."""
+    """For each log the law that foretells its samples best, in the mean log-likelihood of a sample, or none."""
     names = list(models)
     if len(names) == 1:
         return dict.fromkeys(chains, names[0])
@@ -101,10 +106,10 @@ def _choices(tracks: Tracks, chains: dict[str, NDArray[np.int64]], models: dict[
     together = np.sort(np.concatenate(list(tried.values())))
     part = tracks.part(together, TRIED_SAMPLES)
     surprise = np.empty((len(names), len(part.start)))
-    for k, model in enumerate(models.values()):
-        each = recover(model, part, iterations=2).found.surprise
-        each = np.where(np.isfinite(each), np.minimum(each, MOST_SURPRISE), MOST_SURPRISE)
-        surprise[k] = np.bincount(part.chain, weights=each)
+    for k, (name, model) in enumerate(models.items()):
+        each = recover(model, part, TRIED_ITERATIONS).found.surprise
+        each = np.where(np.isfinite(each), np.clip(each, -MOST_SURPRISE, MOST_SURPRISE), MOST_SURPRISE)
+        surprise[k] = np.bincount(part.chain, weights=each + LEAST_GAIN * (name != "none"))
     place = {log: np.searchsorted(together, mine) for log, mine in tried.items()}
     return {log: names[int(np.argmin(surprise[:, at].sum(axis=1)))] for log, at in place.items()}
 

@@ -2,7 +2,8 @@
 
 State x = (gap, velocity, current, memory, disturbance), in SI units. `memory` is the law's integral of the gap error
 in m s or, where no law is known, how far the voltage is from the line between two samples, in volt. `disturbance` is
-an acceleration, positive downward, that fades to zero.
+the acceleration, positive downward, that a load beside the plant's mass makes at rest; it fades to zero. Away from
+rest it acts in the ratio of the magnet's pull to the weight: a heavier load is not drawn down, it is drawn up less.
 """
 
 from dataclasses import dataclass
@@ -30,6 +31,9 @@ LONGEST_LEAF_S = 0.01
 
 LINE_MEMORY = 0.25
 """Share of the period for which the voltage remembers how far it was from the line."""
+
+MOST_CURRENT = 5.0
+"""Current over that at rest beyond which a load's part of the pull is not followed."""
 
 
 class Drive(NamedTuple):
@@ -103,7 +107,7 @@ class Model:
     def advance(self, x: Array, drive: Drive, after_s: float, dt_s: float) -> Array:
         """x [n, 5] one step later; the voltage is held for the step, as a digital controller holds it."""
         voltage, free = self.voltage(x, drive, after_s)
-        force = self.plant.mass_kg * x[:, DISTURBANCE]
+        force = self.plant.mass_kg * x[:, DISTURBANCE] * self._pull(x)
         now = State(x[:, GAP], x[:, VELOCITY], x[:, CURRENT])
         moved = step(self.plant, now, voltage, dt_s, force_n=force, integrator="rk4")
         if self.gain is None:
@@ -113,12 +117,20 @@ class Model:
         fading = np.exp(-dt_s / self.settings.disturbance_time_s)
         return np.stack([*moved, memory, fading * x[:, DISTURBANCE]], axis=1)
 
+    def _pull(self, x: Array) -> Array:
+        """The magnet's force over its force at rest at that gap, [n], bounded for states that run away."""
+        pull: Array = np.clip(x[:, CURRENT] / self.plant.equilibrium(x[:, GAP]).current_a, 0.0, MOST_CURRENT) ** 2
+        return pull
+
     def rate_jacobian(self, x: Array, drive: Drive, after_s: float) -> Array:
         """d(rate of x)/dx [n, 5, 5]."""
         voltage, free = self.voltage(x, drive, after_s)
         j = np.zeros((len(x), STATES, STATES))
         j[:, :3, :3] = jacobian(self.plant, State(x[:, GAP], x[:, VELOCITY], x[:, CURRENT]), voltage)
-        j[:, VELOCITY, DISTURBANCE] = 1.0
+        pull, load = self._pull(x), x[:, DISTURBANCE]
+        j[:, VELOCITY, DISTURBANCE] = pull
+        j[:, VELOCITY, GAP] -= 2 * load * pull / (x[:, GAP] + self.plant.pole_offset_m)
+        j[:, VELOCITY, CURRENT] += 2 * load * pull / np.maximum(x[:, CURRENT], 1e-3)
         j[:, DISTURBANCE, DISTURBANCE] = -1 / self.settings.disturbance_time_s
         per_volt = 1 / inductance(self.plant, x[:, GAP])
         if self.gain is None:

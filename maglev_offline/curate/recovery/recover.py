@@ -13,15 +13,20 @@ from maglev_offline.curate.recovery.tracks import Tracks
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 3
-"""So many times the motion is linearised anew; the third moves the states by less than a thousandth of their scale."""
+ITERATIONS = 4
+"""So many times the motion is linearised anew. Most chains need two; swings of several mm from a start
+need the others."""
+
+MOST_MISSING = 3
+"""Over more samples than this without a message, the way from before is no better a guess than a line."""
 
 
 class Recovery(NamedTuple):
     """Chains and what was found at their samples; `about` [n, 5]: where the motion was linearised last (SI units).
 
     `explained` [chains]: the innovations are about as large as their covariance says. `nis_share` [chains]: their
-    mean square over what it should be.
+    mean square over what it should be. `surprising` [n]: that sample's own are too large: a
+    value is an old one, or a stop was met between the samples. `lost` [intervals]: the arc came near to a stop.
     """
 
     model: Model
@@ -31,12 +36,22 @@ class Recovery(NamedTuple):
     found: Smoothed
     explained: NDArray[np.bool_]
     nis_share: Array
+    surprising: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
+
+    @property
+    def trusted(self) -> NDArray[np.bool_]:
+        """The intervals (in the order of `tracks.inner`) of explained chains, away from stops, with no surprise at
+        either end."""
+        inner = self.tracks.inner
+        trusted: NDArray[np.bool_] = self.explained[self.tracks.chain[inner]]
+        return trusted & ~self.lost & ~self.surprising[inner] & ~self.surprising[inner + 1]
 
 
 def recover(model: Model, tracks: Tracks, iterations: int = ITERATIONS) -> Recovery:
     """Smooth the chains; what the plant does not explain comes out too, and is marked."""
     drive = drive_of(tracks)
-    about = first_guess(model, tracks)
+    about = _shot_across(model, tracks, drive, first_guess(model, tracks))
     inner = tracks.inner
     for _ in range(iterations):
         arc = whole_arc(model, about[inner], drive.part(inner))
@@ -48,14 +63,18 @@ def recover(model: Model, tracks: Tracks, iterations: int = ITERATIONS) -> Recov
     explained: NDArray[np.bool_] = (_by_chain(tracks, finite) == tracks.length) & (
         share <= model.settings.most_innovation
     )
-    return Recovery(model, tracks, drive, linearised, found, explained, share)
+    surprising: NDArray[np.bool_] = ~(found.nis <= model.settings.most_innovation * np.maximum(said.counts, 1.0))
+    return Recovery(model, tracks, drive, linearised, found, explained, share, surprising, arc.lost)
 
 
 def drive_of(tracks: Tracks) -> Drive:
     """What drives the interval after each sample [n]; after the last sample of a chain, as at that sample."""
     after = np.minimum(np.arange(len(tracks)) + 1, len(tracks) - 1)
     after = np.where(tracks.chain[after] == tracks.chain, after, np.arange(len(tracks)))
-    voltage = tracks.value[:, 3]
+    voltage = tracks.value[:, 3].copy()
+    before = np.maximum(np.arange(len(tracks)) - 1, 0)
+    alone = tracks.bridged[:, 3] & (tracks.chain[before] == tracks.chain)
+    voltage[alone] = (voltage[before] + voltage[after])[alone] / 2  # held, it is that of the sample before
     change = tracks.set_point_m[after] - tracks.set_point_m
     return Drive(tracks.set_point_m, voltage, voltage[after], change)
 
@@ -80,6 +99,19 @@ def first_guess(model: Model, tracks: Tracks) -> Array:
         guess[:, MEMORY] = (middle / ki)[tracks.chain]
     guess[:, VELOCITY] = np.where(np.isfinite(logged), logged, (left - ki * guess[:, MEMORY]) / kd)
     return _sane(model, guess, guess)
+
+
+def _shot_across(model: Model, tracks: Tracks, drive: Drive, guess: Array) -> Array:
+    """Where messages are missing (at most `MOST_MISSING` in a row), the guess is where the plant goes from before."""
+    left = tracks.bridged[:, GAP].copy()
+    left[tracks.start] = False
+    for _ in range(MOST_MISSING):
+        at = np.flatnonzero(left & ~np.append(False, left[:-1])[: len(left)])
+        if len(at):
+            arc = whole_arc(model, guess[at - 1], drive.part(at - 1))
+            guess[at] = _sane(model, arc.state, guess[at])
+            left[at] = False
+    return guess
 
 
 def _differences(tracks: Tracks) -> Array:

@@ -25,7 +25,7 @@ class RecoverySettings(Settings):
     where no law is known (not given: as far as samples are from the line between their neighbours).
 
     A segment whose squared innovations are, in the mean, more than `most_innovation` times what their covariance says
-    is `not_explained_by_plant`.
+    is `not_explained_by_plant`, and so are the intervals on both sides of a single sample that is.
     """
 
     law: LawName | Literal["auto"] = "auto"

@@ -20,13 +20,15 @@ class Tracks:
 
     `row` [n]: which row of the samples table; `chain` [n]: ascending numbers from 0; `value` [n, 4] in the order of
     `SIGNALS`, the velocity NaN where it was not logged; `moved` [n, 4]: the value is not of the instant itself, but
-    was moved to it; `set_point_m` [n].
+    was moved to it; `bridged` [n, 4]: it stands for a message that is missing, and says nothing (a loop that turns by
+    pi from sample to sample is nowhere near the line between the two beside it); `set_point_m` [n].
     """
 
     row: Index
     chain: Index
     value: Array
     moved: NDArray[np.bool_]
+    bridged: NDArray[np.bool_]
     set_point_m: Array
     period_s: float
 
@@ -56,7 +58,9 @@ class Tracks:
             place = place - np.maximum(self.length - most, 0)[self.chain] // 2
         keep = np.isin(self.chain, chains) & (place >= 0) & (place < most)
         number = np.unique(self.chain[keep], return_inverse=True)[1].astype(np.int64)
-        return Tracks(self.row[keep], number, self.value[keep], self.moved[keep], self.set_point_m[keep], self.period_s)
+        set_point = self.set_point_m[keep]
+        moved, bridged = self.moved[keep], self.bridged[keep]
+        return Tracks(self.row[keep], number, self.value[keep], moved, bridged, set_point, self.period_s)
 
 
 def tracks_of(samples: pd.DataFrame) -> list[Tracks]:
@@ -69,10 +73,7 @@ def tracks_of(samples: pd.DataFrame) -> list[Tracks]:
     usable = np.isfinite(value[:, [0, 2, 3]]).all(axis=1) & np.isfinite(set_point)
     usable &= ~samples["contact"].to_numpy(dtype=bool)
     value[(samples["gap_velocity_origin"] == "reconstructed").to_numpy(dtype=bool), 1] = np.nan
-    moved = np.stack(
-        [(samples[o] != "measured").to_numpy(bool) if o in samples else np.zeros(len(samples), bool) for o in ORIGINS],
-        axis=1,
-    )
+    moved, bridged = _origin_is_not(samples, "measured"), ~_origin_is_not(samples, "bridged")
     t = samples["t"].astype("int64").to_numpy()
     following = np.append(_together(samples), False)[: len(samples)]
     following &= usable & np.append(usable[1:], False)[: len(samples)]
@@ -82,12 +83,15 @@ def tracks_of(samples: pd.DataFrame) -> list[Tracks]:
         begins = following & (duration == period)
         member = np.flatnonzero(begins | np.append(False, begins[:-1]))
         chain = np.cumsum(~np.append(False, begins[:-1])[member]) - 1
-        found.append(
-            Tracks(
-                member, chain, value[member], moved[member], set_point[member], float(period) / _units_a_second(samples)
-            )
-        )
+        period_s, at = float(period) / _units_a_second(samples), set_point[member]
+        found.append(Tracks(member, chain, value[member], moved[member], bridged[member], at, period_s))
     return found
+
+
+def _origin_is_not(samples: pd.DataFrame, origin: str) -> NDArray[np.bool_]:
+    """Of each signal [n, 4]; a table without origins was measured."""
+    there = [samples[o] if o in samples else pd.Series("measured", index=samples.index) for o in ORIGINS]
+    return np.stack([(one != origin).to_numpy(bool) for one in there], axis=1)
 
 
 def _together(samples: pd.DataFrame) -> NDArray[np.bool_]:

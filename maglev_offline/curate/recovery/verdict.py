@@ -19,8 +19,8 @@ from maglev_offline.physics.parameters import Plant
 
 Array = NDArray[np.float64]
 
-PILOT_LOGS, PILOT_CHAINS, PILOT_SAMPLES = 12, 16, 25
-"""So much is recovered for the verdict alone: logs, chains of each, samples of each chain."""
+PILOT_LOGS, PILOT_CHAINS, PILOT_SAMPLES, PILOT_ITERATIONS = 12, 16, 20, 2
+"""So much is recovered for the verdict alone: logs, chains of each, samples in the middle of each chain, iterations."""
 
 TRUSTED, LIMITED = 0.9, 0.5
 """Least share of the variance of gap, velocity and current that has to be known, and of the samples that the plant
@@ -32,7 +32,7 @@ def pilot(samples: pd.DataFrame, plant: Plant, mdp: Mdp, belief: Belief) -> list
     logs = pd.unique(samples["log_id"])
     some = logs[some_of(np.arange(len(logs)), PILOT_LOGS)]
     part = samples[samples["log_id"].isin(some)].reset_index(drop=True)
-    return recover_parts(part, plant, mdp, belief, PILOT_CHAINS, PILOT_SAMPLES)
+    return recover_parts(part, plant, mdp, belief, PILOT_CHAINS, PILOT_SAMPLES, PILOT_ITERATIONS)
 
 
 def recovery_facts(samples: pd.DataFrame, logs: list[LogRecovery]) -> dict[str, Any]:
@@ -40,16 +40,18 @@ def recovery_facts(samples: pd.DataFrame, logs: list[LogRecovery]) -> dict[str, 
 
     `phase_rad`: by how much the loop's fastest oscillation turns from sample to sample (pi is Nyquist's limit); where
     no law is known or its loop does not oscillate, the plant's unstable pole times the period, which any loop
-    that holds it outruns (`phase_of`). `expected_std`: root mean variance of gap (m), velocity (m/s) and current (A)
+    that holds it outruns (`phase_of`). It is the largest of any log; `phase_rad_by_law` has each.
+    `explained_share`: of the intervals. `expected_std`: root mean variance of gap (m), velocity (m/s) and current (A)
     over all recovered control periods that the plant explains; `spread`: of the states at the samples, with that error;
     `known_share`: 1 - (std / spread)^2. Numbers are null where nothing was recovered.
     """
     phase, phase_of = _phase(logs)
     weight = sum(len(one.recovery.tracks) for one in logs)
-    explained = sum(int(one.recovery.tracks.length[one.recovery.explained].sum()) for one in logs)
+    intervals = sum(len(one.recovery.trusted) for one in logs)
+    explained = sum(int(one.recovery.trusted.sum()) for one in logs)
     std, spread = _errors([(one, periods_of(one.recovery)) for one in logs])
     known = None if std is None or spread is None else [1 - (e / s) ** 2 for e, s in zip(std, spread, strict=True)]
-    share = explained / weight if weight else 0.0
+    share = explained / intervals if intervals else 0.0
     signals = _signals(samples)
     lawless = any(one.law == "none" for one in logs)
     return {
@@ -60,6 +62,9 @@ def recovery_facts(samples: pd.DataFrame, logs: list[LogRecovery]) -> dict[str, 
         },
         "phase_rad": phase,
         "phase_of": phase_of,
+        "phase_rad_by_law": {
+            law: _phase([one for one in logs if one.law == law])[0] for law in sorted({one.law for one in logs})
+        },
         "samples": weight,
         "explained_share": share,
         "expected_std": _named(std),
@@ -99,9 +104,7 @@ def _errors(parts: list[tuple[LogRecovery, Periods]]) -> tuple[list[float] | Non
     for one, periods in parts:
         tracks, fine = one.recovery.tracks, one.recovery.explained
         finite = np.isfinite(periods.state).all(axis=1) & np.isfinite(periods.std).all(axis=1)
-        explained = finite & np.repeat(
-            fine[tracks.chain[tracks.inner]], len(periods.sample) // max(len(tracks.inner), 1)
-        )
+        explained = finite & np.repeat(one.recovery.trusted, len(periods.sample) // max(len(tracks.inner), 1))
         at_samples = one.recovery.about[fine[tracks.chain]][:, :3]  # bounded, whatever the covariances
         at_samples[:, 0] -= tracks.set_point_m[fine[tracks.chain]]
         states.append(at_samples)

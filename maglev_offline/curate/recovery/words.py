@@ -17,9 +17,10 @@ def recovery_words(found: Mapping[str, Any]) -> str:
     signals = ", ".join(f"{name} {kind}" for name, kind in found["signals"].items())
     laws = ", ".join(f"{law} in {n} log{'s' * (n != 1)}" for law, n in found["laws"].items()) or "none tried"
     least = "" if found["phase_of"] == "law" else "at least "
+    turns = ", ".join(f"{phase:.2f} rad ({law})" for law, phase in found["phase_rad_by_law"].items())
     text = (
         f"states between samples are {_MEANINGS[found['verdict']]} ({signals}; law: {laws}; the loop turns by "
-        f"{least}{found['phase_rad']:.2f} rad from sample to sample, the plant explains {found['explained_share']:.0%}"
+        f"{least}{turns or '0 rad'} from sample to sample, the plant explains {found['explained_share']:.0%}"
     )
     std, known = found["expected_std"], found["known_share"]
     if std is None:
