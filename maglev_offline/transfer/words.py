@@ -75,3 +75,30 @@ def negative_arms(facts: Facts) -> list[str]:
         for arm, effects in found["effects"].items()
         if effects[primary]["verdict"] == "negative"
     ]
+
+
+def finding_lines(facts: Facts) -> list[str]:
+    """What a study found beside its answer: parts that matter, the cure, and whether the outcome was foretold."""
+    lines = [
+        f"{part['algorithm']}: the part {part['part']} ({part['share_of_rows']:.0%}) {part['meaning']}"
+        for part in facts.get("attribution", {}).get("parts", [])
+        if part["holds_after_holm"] and part["meaning"] in ("harms", "helps")
+    ]
+    for algorithm, cure in facts.get("cure", {}).get("algorithms", {}).items():
+        lines.append(
+            f"{algorithm}: the best cure, {cure['chosen']}, is {cure['confirmed']['verdict']} on the other seeds"
+        )
+    for algorithm, found in facts.get("foretelling", {}).get("algorithms", {}).items():
+        told = found["error_over_advantage_std"]
+        if told["rank_correlation"] is not None:
+            low, high = told["interval"]
+            lines.append(
+                f"{algorithm}: rank correlation of the rows' target error with what they did, over {told['arms']} "
+                f"arms: {told['rank_correlation']:+.2f} ({low:+.2f} to {high:+.2f})"
+            )
+    return lines
+
+
+def period_lines(others: Mapping[str, Facts]) -> list[str]:
+    """One line for each other control period (by its milliseconds)."""
+    return [f"at {period} ms, {answer(facts)}" for period, facts in others.items()]
