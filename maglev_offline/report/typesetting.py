@@ -13,13 +13,18 @@ def page_environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_printable,
+        finalize=_set,
     )
 
 
 _CONTROLS = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(127, 160)), "�")
 
 
-def _printable(value: object) -> object:
-    """Replace control characters, which no page may hold, and keep per cent signs with their numbers."""
-    return value.translate(_CONTROLS).replace(" %", f"{NO_BREAK}%") if type(value) is str else value
+def printable(text: str) -> str:
+    """Replace control characters, which no page and no font has."""
+    return text.translate(_CONTROLS)
+
+
+def _set(value: object) -> object:
+    """Printable, and per cent signs stay with their numbers."""
+    return printable(value).replace(" %", f"{NO_BREAK}%") if type(value) is str else value
