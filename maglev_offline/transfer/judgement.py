@@ -62,6 +62,7 @@ def judge_curves(curves: pd.DataFrame, world: World, settings: TransferSettings,
         "reference_cost": reference,
         "threshold_cost": threshold,
         "primary_metric": settings.primary_metric,
+        "arms": list(dict.fromkeys(settings.arms)),
         "algorithms": algorithms,
     }
     return Judgement(table, margins, facts, others)

@@ -77,6 +77,10 @@ def run_transfer(
     parted = _parts(workspace, plans, world, settings, sources)
     if parted is not None:
         plans += [plan_without(part, parted[0], sources.curate) for part in parted[1]]
+    if len(plans) > 2:
+        progress.say(
+            f"transfer: {len(plans)} arms, {len(plans) - len(settings.arms)} of them to attribute; first their rows."
+        )
     arms = arms_of(workspace, world, world.training.algorithms, plans, sources)
     folders, _ = train_arms(workspace, arms, world, jobs=jobs, progress=progress)
     inputs = {f"training/{arm.title}/{folder.name}": input_hash(folder) for arm in arms for folder in folders[arm]}

@@ -18,14 +18,19 @@ def answer(facts: Facts) -> str:
     primary = facts["primary_metric"]
     parts = []
     for algorithm, found in facts["algorithms"].items():
-        verdicts = [f"{arm} {effects[primary]['verdict']}" for arm, effects in found["effects"].items()]
+        verdicts = [f"{arm} {effects[primary]['verdict']}" for arm, effects in _in_order(facts, found)]
         parts.append(f"{algorithm}: {', '.join(verdicts)}")
     return f"against an empty buffer, judged by {primary.replace('_', ' ')}: {'; '.join(parts)}"
 
 
+def _in_order(facts: Facts, found: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """The effects of an algorithm by arm, in the order in which the recipe names the arms."""
+    return [(arm, found["effects"][arm]) for arm in facts["arms"] if arm in found["effects"]]
+
+
 def _effects(facts: Facts) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     for algorithm, found in facts["algorithms"].items():
-        for arm, effects in found["effects"].items():
+        for arm, effects in _in_order(facts, found):
             for metric, effect in effects.items():
                 yield f"{algorithm}: {metric.replace('_', ' ')}", arm, effect
 

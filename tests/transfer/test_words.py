@@ -16,6 +16,7 @@ EFFECT = {
 UNKNOWN = EFFECT | {"low": None, "high": None, "detectable": None, "seeds_needed": None, "verdict": "inconclusive"}
 FACTS = {
     "primary_metric": "area",
+    "arms": ["empty", "prefill"],
     "algorithms": {
         "ddpg": {"effects": {"prefill": {"area": UNKNOWN}}},
         "td3": {"effects": {"prefill": {"area": EFFECT}}},
