@@ -27,8 +27,13 @@ check: setup  ## what CI checks before the tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-study: setup  ## the slow learning studies
+study: setup  ## the slow learning studies; hours, and what is stopped goes on where it was
 	$(BIN)/python -m pytest -m study
+	for study in changsha study; do \
+	  $(BIN)/maglev-offline ingest --recipe pipelines/$$study.toml --workspace reports/$$study-work data_raw/*.mcap && \
+	  $(BIN)/maglev-offline transfer --recipe pipelines/$$study.toml --workspace reports/$$study-work && \
+	  $(BIN)/maglev-offline report --recipe pipelines/$$study.toml --workspace reports/$$study-work || exit 1; \
+	done
 
 exports: $(FOREIGN)/.installed  ## exported prefills in the libraries that they are for: d3rlpy, Minari, TorchRL, SB3
 	$(FOREIGN)/bin/python -m pytest tests/replay/exports

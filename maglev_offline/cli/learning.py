@@ -177,5 +177,6 @@ def transfer(
         done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk, power=power)
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
-    if fail_on == "negative" and negative_arms(done.data["verdict"]):
+    found = [done.data["verdict"], *done.data["other_periods_ms"].values()]
+    if fail_on == "negative" and any(negative_arms(facts) for facts in found):
         raise typer.Exit(2)

@@ -1,4 +1,4 @@
-"""The end of the road, and the whole of it: report, run."""
+"""The end of the road, and the whole of it: card, report, run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,9 +20,26 @@ from maglev_offline.cli.options import (
 
 
 def add_commands(app: typer.Typer) -> None:
-    """Put `report` and `run` into `app`."""
+    """Put `card`, `report` and `run` into `app`."""
+    app.command(epilog="Example: maglev-offline card --out card")(on_workspace(card))
     app.command(epilog="Example: maglev-offline report")(on_workspace(report))
     app.command(epilog="Example: maglev-offline run pipelines/quickstart.toml")(on_workspace(run))
+
+
+def card(
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder to copy card.json and card.html to.")] = None,
+    recipe: RecipeOption = None,
+    workspace: WorkspaceOption = HERE,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Write the dataset card of the transitions: JSON, and a page in which regions are chosen for the recipe."""
+    from maglev_offline import pipeline
+
+    session = open_session(recipe, workspace, as_json, quiet)
+    with session.at_work("card"):
+        done = pipeline.card(session.recipe, session.workspace, session.talk, out)
+    session.talk.result(done.plain(), *done.lines())
 
 
 def report(

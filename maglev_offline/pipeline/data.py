@@ -100,15 +100,18 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
         fresh,
         f"{manifest.counts['transitions']:,} transitions of {manifest.counts['candidates']:,} usable ones, from "
         f"{len(manifest.inputs)} log{'s' * (len(manifest.inputs) != 1)} in the workspace; "
-        f"{balance_words(manifest.facts)}; {verdict_words(manifest.facts)}; "
-        f"{recovery_words(manifest.facts['recovery'])}",
+        f"{balance_words(manifest.facts)}",
         {
             "counts": manifest.counts,
             "left_out": manifest.left_out,
             "coverage": {name: fact for name, fact in manifest.facts.items() if name not in judged},
             **judged,
         },
-        notes=residual_lines(manifest.facts),
+        notes=[
+            verdict_words(manifest.facts),
+            recovery_words(manifest.facts["recovery"]),
+            *residual_lines(manifest.facts),
+        ],
     )
 
 

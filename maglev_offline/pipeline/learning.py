@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from maglev_offline.agents.settings import Algorithm
 from maglev_offline.errors import InputError
 from maglev_offline.outcomes import Done
@@ -47,11 +49,13 @@ def train(
     from maglev_offline.agents import summary
     from maglev_offline.agents.events import require_tensorboard
     from maglev_offline.agents.stage import load_curves, train_arms
+    from maglev_offline.transfer.arms import plan_of
     from maglev_offline.transfer.stage import arms_of
 
     if tensorboard:
         require_tensorboard()
-    arms = arms_of(workspace, recipe.world, algorithms(recipe, asked), [arm], recipe.transfer, recipe.sources)
+    plan = plan_of(arm, recipe.transfer, recipe.curate, recipe.training)
+    arms = arms_of(workspace, recipe.world, algorithms(recipe, asked), [plan], recipe.sources)
     folders, trained = train_arms(workspace, arms, recipe.world, jobs=jobs, progress=progress, tensorboard=tensorboard)
     blocks = [folder for group in folders.values() for folder in group]
     curves, facts = load_curves(blocks), [Manifest.read(folder).facts for folder in blocks]
@@ -81,14 +85,30 @@ def train(
 
 
 def transfer(recipe: Recipe, workspace: Workspace, jobs: int, progress: Progress, *, power: bool = False) -> Done:
-    """Compare the arms, training those that are missing; `power`: say how many seeds each question needs."""
+    """Compare the arms, training those that are missing, at the recipe's control period and then at the others.
+
+    `power`: say how many seeds each question needs.
+    """
     from maglev_offline.transfer.stage import run_transfer
     from maglev_offline.transfer.verdict import enough_seeds
-    from maglev_offline.transfer.words import POWER_COLUMNS, answer, columns, effect_rows, power_rows
+    from maglev_offline.transfer.words import (
+        POWER_COLUMNS,
+        answer,
+        columns,
+        effect_rows,
+        finding_lines,
+        period_lines,
+        power_rows,
+    )
 
     algorithms(recipe, None)
     folder, fresh = run_transfer(workspace, recipe.world, recipe.transfer, recipe.sources, jobs=jobs, progress=progress)
     facts = Manifest.read(folder).facts
+    others = {
+        f"{period:g}": _transfer_at(recipe, workspace, period, jobs, progress)
+        for period in recipe.transfer.control_periods_ms
+        if period != recipe.mdp.control_period_ms
+    }
     if not enough_seeds(recipe.training.seeds, recipe.transfer.confidence):
         progress.warn(
             f"{recipe.training.seeds} seeds are too few for an interval at {recipe.transfer.confidence:.0%}: "
@@ -99,10 +119,31 @@ def transfer(recipe: Recipe, workspace: Workspace, jobs: int, progress: Progress
         folder,
         fresh,
         answer(facts),
-        {"verdict": facts},
+        {"verdict": facts, "other_periods_ms": others},
         "Seeds that show a difference of the size of the margin with a power of 80 %, if they scatter as these"
         if power
         else "Empty minus arm (costs; a positive difference means that the arm's rows help)",
         POWER_COLUMNS if power else columns(recipe.transfer.confidence),
         power_rows(facts) if power else effect_rows(facts),
+        notes=[*finding_lines(facts), *period_lines(others)],
     )
+
+
+def _transfer_at(
+    recipe: Recipe, workspace: Workspace, period_ms: float, jobs: int, progress: Progress
+) -> dict[str, Any]:
+    """The study at another control period; returns its facts."""
+    from maglev_offline.curate.stage import curate
+    from maglev_offline.transfer.periods import settings_at, workspace_at, world_at
+    from maglev_offline.transfer.stage import run_transfer
+
+    progress.say(f"the same at a control period of {period_ms:g} ms:")
+    world, there = world_at(recipe.world, period_ms), workspace_at(workspace, period_ms)
+    made = Manifest.read(workspace.path("transitions"))
+    curate(
+        there, recipe.curate, world.plant, world.mdp, pid=recipe.control.pid, cascade=recipe.control.cascade,
+        folders=[there.path(name) for name in made.inputs], progress=progress,
+    )  # fmt: skip
+    settings = settings_at(recipe.transfer, recipe.world, period_ms)
+    folder, _ = run_transfer(there, world, settings, recipe.sources, jobs=jobs, progress=progress)
+    return Manifest.read(folder).facts

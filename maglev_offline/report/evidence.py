@@ -16,7 +16,8 @@ from maglev_offline.replay.prefill import load_prefill
 from maglev_offline.workspace import Manifest, Workspace, input_hash
 
 REPORT = "report"
-PAGES = (REPORT, "control_page")
+CARD = "card"
+PAGES = (REPORT, "control_page", CARD)
 """The pages are artefacts too, but no evidence."""
 
 
@@ -122,7 +123,7 @@ class Evidence:
         found = []
         for name, artefact in self.artefacts.items():
             both = (artefact.manifest.settings, recipe)
-            made, wanted = (_without_training(_without_none(tables), _MEANS) for tables in both)
+            made, wanted = (_without_training(without_none(tables), _MEANS) for tables in both)
             if name.startswith("training/"):
                 made, wanted = _without_seeds(made), _without_seeds(wanted)
             other = [f"[{table}]" for table, value in made.items() if table in wanted and value != wanted[table]]
@@ -159,11 +160,11 @@ def _without_training(tables: Mapping[str, Any], keys: tuple[str, ...]) -> dict[
     return {**tables, "training": {key: value for key, value in tables["training"].items() if key not in keys}}
 
 
-def _without_none(value: Any) -> Any:
+def without_none(value: Any) -> Any:
     """A table without the keys that are not given, as recipes are written."""
     if isinstance(value, Mapping):
-        return {key: _without_none(part) for key, part in value.items() if part is not None}
-    return [_without_none(part) for part in value] if isinstance(value, list) else value
+        return {key: without_none(part) for key, part in value.items() if part is not None}
+    return [without_none(part) for part in value] if isinstance(value, list) else value
 
 
 def gather(workspace: Workspace) -> Evidence:

@@ -19,6 +19,7 @@ from maglev_offline.curate.residual_map import MOST_NOT_EXPLAINED
 from maglev_offline.report.figures_data import DENSITY
 from maglev_offline.report.numbers import number, power_of_ten
 from maglev_offline.report.style import FULL_WIDTH, INK, RULE, SOFT, VERDICTS, figure_style, log_ticks
+from maglev_offline.report.typesetting import printable
 
 Array = NDArray[np.float64]
 
@@ -153,7 +154,7 @@ def _bars(ax: Axes, logs: pd.DataFrame, names: Sequence[str]) -> None:
     ax.barh(place, norm["mean"], height=0.6, color=VERDICTS["negative"], gid="mean")
     ax.plot(norm["change"], place, linestyle="", marker="|", markersize=16, markeredgewidth=2, color=INK, gid="change")
     for y, name in zip(place, names, strict=True):
-        ax.text(0, y + 0.34, name, fontsize=8, color=SOFT, va="bottom", ha="left")
+        ax.text(0, y + 0.34, printable(name), fontsize=8, color=SOFT, va="bottom", ha="left", parse_math=False)
     ax.set_yticks([])
     ax.set_ylim(-0.6, len(norm) - 0.2)
     ax.set_xlim(left=0)

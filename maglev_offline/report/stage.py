@@ -4,14 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from maglev_offline import __version__
 from maglev_offline.errors import ArtefactError
 from maglev_offline.progress import SILENT, Progress
 from maglev_offline.report import words
 from maglev_offline.report.evidence import REPORT, Evidence, gather
-from maglev_offline.report.numbers import NO_BREAK
 from maglev_offline.report.page import Paragraph, Plot, Section, Table, not_yet
 from maglev_offline.report.sections_data import (
     coverage_section,
@@ -31,6 +28,7 @@ from maglev_offline.report.sections_recipe import recipe_section
 from maglev_offline.report.sections_truth import truth_section
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.svg import inline_svg
+from maglev_offline.report.typesetting import page_environment
 from maglev_offline.workspace import Manifest, Workspace, fingerprint
 
 PAGE = "report.html"
@@ -164,23 +162,8 @@ def body_sections(
 
 def render(title: str, head: Section, sections: list[Section]) -> str:
     """Set the page. Every text is escaped; only the figures, which matplotlib has escaped, are markup."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("maglev_offline.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_printable,
-    )
+    environment = page_environment()
     environment.globals["svg"] = lambda plot: inline_svg(plot.figure, plot.key)
     environment.tests["block"] = lambda block, kind: type(block).__name__ == kind
     template = environment.get_template("report.html.j2")
     return template.render(title=title, head=head, sections=sections, version=__version__)
-
-
-_CONTROLS = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(127, 160)), "�")
-
-
-def _printable(value: object) -> object:
-    """Replace control characters, which no page may hold, and keep per cent signs with their numbers."""
-    return value.translate(_CONTROLS).replace(" %", f"{NO_BREAK}%") if type(value) is str else value

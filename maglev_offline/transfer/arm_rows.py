@@ -54,21 +54,31 @@ def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sour
             todo="Run `maglev-offline ingest LOGS...` first.",
         )
     if plan.curate is not None:
-        from maglev_offline.curate.stage import curate
-
-        base, _ = curate(
-            workspace,
-            plan.curate,
-            world.plant,
-            world.mdp,
-            pid=sources.control.pid,
-            cascade=sources.control.cascade,
-            folders=[workspace.path(name) for name in Manifest.read(base).inputs],
-            home=workspace.path("arms", plan.name, "curated" if plan.rows == "shuffled" else "transitions"),
-        )
+        base = _curated(workspace, plan.curate, base, world, sources)
     if plan.rows == "log":
         return base
     return _made(workspace, plan, base, world, sources)
+
+
+def _curated(workspace: Workspace, settings: CurateSettings, recipes: Path, world: World, sources: Sources) -> Path:
+    """Transitions curated otherwise than the recipe's own (`recipes`), from the same samples.
+
+    Their folder is named by the table, so that arms which differ in training only share it.
+    """
+    from maglev_offline.curate.stage import curate
+
+    name = f"{settings.construction}-{fingerprint('arm', {}, settings)[:8]}"
+    folder, _ = curate(
+        workspace,
+        settings,
+        world.plant,
+        world.mdp,
+        pid=sources.control.pid,
+        cascade=sources.control.cascade,
+        folders=[workspace.path(sample) for sample in Manifest.read(recipes).inputs],
+        home=workspace.path("curated", name),
+    )
+    return folder
 
 
 def _made(workspace: Workspace, plan: Plan, base: Path, world: World, sources: Sources) -> Path:

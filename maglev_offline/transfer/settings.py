@@ -7,6 +7,7 @@ from pydantic import Field, field_validator, model_validator
 from maglev_offline.settings import Settings
 
 MetricName = Literal["jumpstart", "asymptote", "area", "time_to_threshold"]
+AttributionKind = Literal["logs", "cells", "cost_bands"]
 RowsFrom = Literal["nothing", "log", "shuffled", "random_policy", "pid"]
 
 
@@ -15,12 +16,14 @@ class ArmSettings(Settings):
 
     `rows`: what the buffer starts with. `log`: the curated transitions; `shuffled`: the same, each with the voltage of
     another one; `random_policy`, `pid`: as many rows of that policy in the simulator; `nothing`: an empty buffer.
-    `curate` and `training`: keys of those tables that are others in this arm.
+    `curate` and `training`: keys of those tables that are others in this arm. `cure`: it is a candidate for a prefill
+    that helps, the best of which is chosen on half of the seeds and confirmed on the others.
     """
 
     rows: RowsFrom = "log"
     curate: dict[str, Any] = Field(default_factory=dict)
     training: dict[str, Any] = Field(default_factory=dict)
+    cure: bool = False
 
     @model_validator(mode="after")
     def _curates_what_there_is(self) -> "ArmSettings":
@@ -45,6 +48,11 @@ class TransferSettings(Settings):
 
     `arms`: names of `BUILT_IN`, or of an `[transfer.arm.NAME]` of the recipe's own.
 
+    `attribution`: leave out each log, each cell of the state space, or each quartile of cost in an arm of its own, and
+    hold it against the arm `attributed`, which has them all: which part of the rows helps or harms.
+
+    `control_periods_ms`: run all of it at these control periods too, with as many seconds of experience.
+
     `primary_metric`: the one that the answer is about; the others are reported beside it, as exploration.
 
     `first_evaluations`: window of the jumpstart, from the first evaluation after a gradient step. `last_evaluations`:
@@ -57,6 +65,9 @@ class TransferSettings(Settings):
     primary_metric: MetricName = "area"
     arms: tuple[str, ...] = ("empty", "prefill")
     arm: dict[str, ArmSettings] = Field(default_factory=dict)
+    attribution: tuple[AttributionKind, ...] = ()
+    attributed: str = "prefill"
+    control_periods_ms: tuple[float, ...] = ()
     first_evaluations: int = Field(default=3, ge=1)
     last_evaluations: int = Field(default=5, ge=1)
     threshold_over_lqr: float = Field(default=1.5, gt=1)
@@ -81,6 +92,10 @@ class TransferSettings(Settings):
         for name in self.arms:
             if name not in self.known_arms:
                 raise ValueError(f"there is no arm {name!r}, only {', '.join(self.known_arms)}")
+        if self.attribution and self.attributed not in self.arms:
+            raise ValueError(f"attributed = {self.attributed!r} is none of the arms, {list(self.arms)}")
+        if self.attribution and self.known_arms[self.attributed].rows != "log":
+            raise ValueError(f"attributed = {self.attributed!r} has no rows of logs, so there is nothing to leave out")
         return self
 
     @property

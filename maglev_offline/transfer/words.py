@@ -18,14 +18,19 @@ def answer(facts: Facts) -> str:
     primary = facts["primary_metric"]
     parts = []
     for algorithm, found in facts["algorithms"].items():
-        verdicts = [f"{arm} {effects[primary]['verdict']}" for arm, effects in found["effects"].items()]
+        verdicts = [f"{arm} {effects[primary]['verdict']}" for arm, effects in _in_order(facts, found)]
         parts.append(f"{algorithm}: {', '.join(verdicts)}")
     return f"against an empty buffer, judged by {primary.replace('_', ' ')}: {'; '.join(parts)}"
 
 
+def _in_order(facts: Facts, found: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    """The effects of an algorithm by arm, in the order in which the recipe names the arms."""
+    return [(arm, found["effects"][arm]) for arm in facts["arms"] if arm in found["effects"]]
+
+
 def _effects(facts: Facts) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     for algorithm, found in facts["algorithms"].items():
-        for arm, effects in found["effects"].items():
+        for arm, effects in _in_order(facts, found):
             for metric, effect in effects.items():
                 yield f"{algorithm}: {metric.replace('_', ' ')}", arm, effect
 
@@ -75,3 +80,30 @@ def negative_arms(facts: Facts) -> list[str]:
         for arm, effects in found["effects"].items()
         if effects[primary]["verdict"] == "negative"
     ]
+
+
+def finding_lines(facts: Facts) -> list[str]:
+    """What a study found beside its answer: parts that matter, the cure, and whether the outcome was foretold."""
+    lines = [
+        f"{part['algorithm']}: the part {part['part']} ({part['share_of_rows']:.0%}) {part['meaning']}"
+        for part in facts.get("attribution", {}).get("parts", [])
+        if part["holds_after_holm"] and part["meaning"] in ("harms", "helps")
+    ]
+    for algorithm, cure in facts.get("cure", {}).get("algorithms", {}).items():
+        lines.append(
+            f"{algorithm}: the best cure, {cure['chosen']}, is {cure['confirmed']['verdict']} on the other seeds"
+        )
+    for algorithm, found in facts.get("foretelling", {}).get("algorithms", {}).items():
+        told = found["error_over_advantage_std"]
+        if told["rank_correlation"] is not None:
+            low, high = told["interval"]
+            lines.append(
+                f"{algorithm}: rank correlation of the rows' target error with what they did, over {told['arms']} "
+                f"arms: {told['rank_correlation']:+.2f} ({low:+.2f} to {high:+.2f})"
+            )
+    return lines
+
+
+def period_lines(others: Mapping[str, Facts]) -> list[str]:
+    """One line for each other control period (by its milliseconds)."""
+    return [f"at {period} ms, {answer(facts)}" for period, facts in others.items()]

@@ -6,7 +6,9 @@ from typer.testing import CliRunner
 from maglev_offline import __version__
 from maglev_offline.cli import app
 
-COMMANDS = ["surrogate", "inspect", "ingest", "curate", "prefill", "control", "train", "transfer", "report", "run"]
+COMMANDS = [
+    "surrogate", "inspect", "ingest", "curate", "prefill", "control", "train", "transfer", "card", "report", "run",
+]  # fmt: skip
 
 
 def help_of(*command):

@@ -295,7 +295,7 @@ def test_a_construction_may_be_named_on_the_command_line(here, call):
     assert "rows of the construction semi_markov carry a discount of their own" in " ".join(refused.err.split())
     refused = call("curate", "--construction", "cooked")
     assert refused.code == 2
-    assert "'raw', 'semi_markov', 'interpolated' or 'simulated_next' (given: 'cooked')" in refused.err
+    assert "'reconstructed' or 'simulated_next' (given: 'cooked')" in refused.err
     assert "Traceback" not in refused.err
 
 

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from maglev_offline.report.evidence import gather
@@ -69,6 +71,23 @@ def test_the_road_is_about_the_logs_that_it_was_given_whatever_else_is_in_the_wo
     assert "surrogate-02-cascade-cdr" in told
     assert "surrogate-03-pid-protobuf" in told
     assert "surrogate-01-pid-json" not in told
+
+
+def test_a_card_lies_in_the_workspace_and_where_it_is_wanted(here, call):
+    assert call("card").code == 2  # there are no transitions yet
+    assert call("ingest", "logs/surrogate-01-pid-json.mcap", "--recipe", "tiny.toml").code == 0
+    made = call("card", "--out", "for/you", "--json")
+    assert (made.code, made.json["status"], made.json["simulated"]) == (0, "done", "all")
+    for name in ("card.json", "card.html"):
+        assert str(Path("for/you", name)) in made.json["files"]
+        assert (here / "for/you" / name).read_bytes() == (here / "workspace/card" / name).read_bytes()
+    (here / "other.toml").write_text((here / "tiny.toml").read_text().replace("target_rows = 200", "target_rows = 100"))
+    again = call("card", "--recipe", "other.toml")
+    assert "nothing was done" in again.out
+    assert "made with other tables than the recipe has ([curate])" in again.err
+    refused = call("card", "--out", "tiny.toml")
+    assert refused.code == 2
+    assert "Give a folder to --out" in refused.err
 
 
 @pytest.fixture

@@ -21,11 +21,14 @@ from maglev_offline.report.svg import inline_svg
 from maglev_offline.workspace import Manifest, Workspace, sha256_of
 
 FIGURES = (
-    *("trajectory-1", "trajectory-2", "coverage", "prefill"),
+    *("trajectory-1", "trajectory-2", "coverage", "truth", "residual", "prefill"),
     *("force", "root-locus", "steps", "robustness"),
     *("regulation", "long", "curves", "forest"),
 )
-SECTIONS = ("origin", "trajectories", "coverage", "prefill", "plant", "regulation", "curves", "verdict", "recipe")
+SECTIONS = (
+    *("origin", "trajectories", "coverage", "truth", "prefill"),
+    *("plant", "regulation", "curves", "verdict", "recipe"),
+)
 
 
 def build(workspace, recipe, drawn=FIGURES, **changes):

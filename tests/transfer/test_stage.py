@@ -7,9 +7,9 @@ import pytest
 from maglev_offline.agents.settings import EvaluationSettings
 from maglev_offline.control.reference import classical_reference_cost
 from maglev_offline.errors import ArtefactError, InputError
+from maglev_offline.transfer.judgement import METRICS, compare
 from maglev_offline.transfer.metrics import area
 from maglev_offline.transfer.settings import TransferSettings
-from maglev_offline.transfer.stage import METRICS, compare
 from maglev_offline.workspace import Manifest, Workspace
 
 

@@ -1,4 +1,13 @@
-from maglev_offline.transfer.words import POWER_COLUMNS, answer, columns, effect_rows, negative_arms, power_rows
+from maglev_offline.transfer.words import (
+    POWER_COLUMNS,
+    answer,
+    columns,
+    effect_rows,
+    finding_lines,
+    negative_arms,
+    period_lines,
+    power_rows,
+)
 
 EFFECT = {
     "baseline_mean": 12.0, "arm_mean": 15.0, "difference": -3.0, "low": -4.0, "high": -2.0, "p_value_holm": 0.012,
@@ -7,6 +16,7 @@ EFFECT = {
 UNKNOWN = EFFECT | {"low": None, "high": None, "detectable": None, "seeds_needed": None, "verdict": "inconclusive"}
 FACTS = {
     "primary_metric": "area",
+    "arms": ["empty", "prefill"],
     "algorithms": {
         "ddpg": {"effects": {"prefill": {"area": UNKNOWN}}},
         "td3": {"effects": {"prefill": {"area": EFFECT}}},
@@ -37,3 +47,23 @@ def test_the_power_of_a_study_is_said_in_seeds():
 def test_negative_transfer_is_found_in_the_primary_metric_only():
     assert negative_arms(FACTS) == ["td3 prefill"]
     assert negative_arms(FACTS | {"primary_metric": "jumpstart", "algorithms": {"ddpg": {"effects": {}}}}) == []
+
+
+def test_findings_name_the_parts_that_survive_the_correction_the_cure_and_the_foretelling():
+    part = {"algorithm": "td3", "part": "log-1", "share_of_rows": 0.3, "meaning": "harms", "holds_after_holm": True}
+    told = {"rank_correlation": -0.8, "interval": (-1.0, -0.3), "arms": 9}
+    facts = FACTS | {
+        "attribution": {"parts": [part, part | {"part": "log-2", "holds_after_holm": False}]},
+        "cure": {"algorithms": {"td3": {"chosen": "half", "confirmed": {"verdict": "positive"}}}},
+        "foretelling": {"algorithms": {"td3": {"error_over_advantage_std": told}}},
+    }
+    assert finding_lines(facts) == [
+        "td3: the part log-1 (30%) harms",
+        "td3: the best cure, half, is positive on the other seeds",
+        "td3: rank correlation of the rows' target error with what they did, over 9 arms: -0.80 (-1.00 to -0.30)",
+    ]
+    assert finding_lines(FACTS) == []
+
+
+def test_other_periods_are_told_one_by_one():
+    assert period_lines({"5": FACTS})[0].startswith("at 5 ms, against an empty buffer")
