@@ -24,13 +24,14 @@ def judged_rows(judged: Judged) -> pd.DataFrame:
     """Each row that was judged: where it lies, its cell, and both advantages.
 
     Columns: `log_id`, `point`, `segment`, `step`, `substep`, `gap_cell`, `velocity_cell`, `advantage` (the true one,
-    y* - V(s)) and `taught_advantage` (y - V(s)), both in units of cost.
+    y* - V(s)) and `taught_advantage` (y - V(s)), both in units of cost, and `weight`: how many rows it stands for.
     """
     rows = judged.rows[["log_id", "point", "segment", "step", "substep"]].reset_index(drop=True)
     cells = _cells(judged)
     rows["gap_cell"], rows["velocity_cell"] = cells.gap.astype(np.int32), cells.velocity.astype(np.int32)
     rows["advantage"] = judged.targets.advantage
     rows["taught_advantage"] = judged.targets.taught - judged.targets.value
+    rows["weight"] = judged.weight
     return rows
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # pandas takes half a second to import, and a run that finds 
 
 _PID, _CASCADE = PidGains(), CascadeGains()
 
-LAYOUT = 2
+LAYOUT = 3
 """Counts up where the files or facts of the artefact become others, so that an older one is made anew."""
 
 

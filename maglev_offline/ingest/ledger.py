@@ -12,7 +12,7 @@ from maglev_offline.errors import MaglevOfflineError
 from maglev_offline.logs.columns import NO_TIME
 
 RULE_VERSION = 3
-"""Raised whenever a rule changes what it quarantines."""
+"""Raised whenever a rule changes what it quarantines, or what a sample says of itself."""
 
 SCHEMA = pa.schema(
     [

@@ -38,13 +38,13 @@ MOST_BARS = 8
 
 
 def truth_figure(cells: pd.DataFrame, rows: pd.DataFrame) -> Figure:
-    """The diagnostic by cell beside the taught advantage over the true one, one count for each of `rows`."""
+    """The diagnostic by cell beside the taught advantage over the true one, each row for as many as it stands for."""
     with figure_style():
         figure = Figure(figsize=(FULL_WIDTH, 4.5), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1.12, 1))
         _map(figure, left, cells, cells["error_over_advantage_std"], ERROR_STEPS, "error over spread of advantage")
         left.set_title("error of the targets, by cell")
-        _advantages(figure, right, rows["advantage"].to_numpy(), rows["taught_advantage"].to_numpy())
+        _advantages(figure, right, rows)
     return figure
 
 
@@ -101,12 +101,16 @@ def _cell_axis(ax: Axes, axis: str, cells: pd.DataFrame, name: str, label: str) 
     (ax.set_xlim if axis == "x" else ax.set_ylim)(0, count)
 
 
-def _advantages(figure: Figure, ax: Axes, true: Array, taught: Array) -> None:
-    """A histogram of the rows over both advantages, on axes that are linear about zero and logarithmic far away."""
+def _advantages(figure: Figure, ax: Axes, rows: pd.DataFrame) -> None:
+    """A histogram over both advantages, on axes that are linear about zero and logarithmic far away.
+
+    Each row counts as many as it stands for.
+    """
+    true, taught, weight = (rows[name].to_numpy() for name in ("advantage", "taught_advantage", "weight"))
     width = float(np.quantile(np.abs(true), 0.5)) or 1.0
     far = max(float(np.quantile(np.abs(np.concatenate([true, taught])), 0.999)), 10 * width)
     edges = width * np.sinh(np.linspace(-1, 1, 50) * np.arcsinh(far / width))
-    counts = np.histogram2d(np.clip(true, -far, far), np.clip(taught, -far, far), (edges, edges))[0].T
+    counts = np.histogram2d(np.clip(true, -far, far), np.clip(taught, -far, far), (edges, edges), weights=weight)[0].T
     for scale in (ax.set_xscale, ax.set_yscale):
         scale("asinh", linear_width=width)
     shown = np.ma.masked_equal(counts, 0)

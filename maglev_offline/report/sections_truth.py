@@ -60,7 +60,8 @@ def truth_plot(cells: pd.DataFrame, rows: pd.DataFrame, facts: Mapping[str, Any]
         f"rows as is written in them. Blue: up to {plain(FIT_ERROR)}, rows tell actions apart. Orange: from "
         f"{plain(HARMFUL_ERROR)} on, they mislead. Hatched: fewer than {LEAST_ROWS} rows or {LEAST_UNITS} stretches "
         f"(or logs). The outermost cells have no end. {words} Right: the advantage that rows teach over the true one, "
-        f"which is the line. All {whole(len(rows))} rows: error {number(diagnostic['error_over_advantage_std'])}, "
+        f"which is the line. From {whole(len(rows))} rows, each for as many as it stands for: error "
+        f"{number(diagnostic['error_over_advantage_std'])}, "
         f"correlation {number(diagnostic['correlation_with_advantage'], 2)}. From transitions "
         "(diagnostic_cells, diagnostic_rows)."
     )

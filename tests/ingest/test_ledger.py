@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from maglev_offline.errors import InputError, MaglevOfflineError
-from maglev_offline.ingest.ledger import SCHEMA, Quarantined, check_sums, counts, rows, table, together
+from maglev_offline.ingest.ledger import RULE_VERSION, SCHEMA, Quarantined, check_sums, counts, rows, table, together
 from maglev_offline.logs.columns import NO_TIME
 
 
@@ -23,7 +23,7 @@ def test_one_row_for_each_message_and_one_for_a_together():
     assert frame["message_index"].tolist() == [1, 3, -1, -1]
     assert frame["count"].tolist() == [1, 1, 7, 1]
     assert frame["t"].isna().tolist() == [True, False, True, False]
-    assert set(frame["rule_version"]) == {2}
+    assert set(frame["rule_version"]) == {RULE_VERSION}
 
 
 def test_an_empty_ledger_is_a_table_too():

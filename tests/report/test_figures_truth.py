@@ -54,7 +54,7 @@ def test_colours_change_at_the_thresholds_of_the_verdict():
             "error_over_advantage_std": [0.74, 0.76, 3.1, np.nan],
         }
     )
-    rows = pd.DataFrame({"advantage": [0.0, 1.0, 2.0], "taught_advantage": [0.0, -1.0, 2.0]})
+    rows = pd.DataFrame({"advantage": [0.0, 1.0, 2.0], "taught_advantage": [0.0, -1.0, 2.0], "weight": 1.0})
     ax = figures_truth.truth_figure(cells, rows).axes[0]
     red, _, blue, _ = np.transpose([patch.get_facecolor() for patch in cells_of(ax)])
     assert blue[0] > red[0]

@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from maglev_offline.curate.diagnostic import FIT_ERROR, HARMFUL_ERROR
+from maglev_offline.curate.constructions.rows import NEXT_STATE, STATE
+from maglev_offline.curate.diagnostic import FIT_ERROR, HARMFUL_ERROR, targets_of
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
 from maglev_offline.streams import stream
 
 MOST_ROWS = 5000
@@ -34,27 +37,34 @@ NOT_JUDGED, TRUE, BETWEEN, FALSE = 0, 1, 2, 3
 
 def read_candidates(folder: Path) -> pd.DataFrame:
     """What the card needs of `candidates.parquet`."""
-    return pd.read_parquet(folder / "candidates.parquet", columns=[*KEY, *NUMBERS, "split"])
+    columns = dict.fromkeys([*KEY, *NUMBERS, *STATE, *NEXT_STATE, "discount", "split"])
+    return pd.read_parquet(folder / "candidates.parquet", columns=list(columns))
 
 
-def sample_of(candidates: pd.DataFrame, folder: Path, seed: int, most: int = MOST_ROWS) -> pd.DataFrame:
+def sample_of(
+    candidates: pd.DataFrame, folder: Path, plant: Plant, mdp: Mdp, seed: int, most: int = MOST_ROWS
+) -> pd.DataFrame:
     """Draw at most `most` candidates, in their order, with the columns `state` and `judged` (codes, see above).
 
-    Rows that were judged are taken first among those for training. They are a uniform draw of them, so the sample is
-    uniform, too: a share of the sample estimates the share of the candidates.
+    The draw is uniform, as many of each split as its share: a share of the sample estimates that of the candidates.
+    The targets of all its rows are judged, by the spread of the advantage that the diagnostic found.
     """
-    judged = pd.read_parquet(folder / "diagnostic_rows.parquet", columns=[*KEY, "advantage", "taught_advantage"])
-    spread = judged["advantage"].std(ddof=0)
-    error = (judged["taught_advantage"] - judged["advantage"]).abs()
-    judged = judged[KEY].assign(error=error / spread if spread > 0 else np.nan)
-    rows = candidates.merge(judged, on=KEY, how="left", validate="one_to_one")
-    chosen = rows.iloc[_chosen(rows, seed, most)].reset_index(drop=True)
+    chosen = candidates.iloc[_chosen(candidates, seed, most)].reset_index(drop=True)
     taken = pd.read_parquet(folder / "transitions.parquet", columns=KEY).assign(taken=True)
     curated = chosen.merge(taken, on=KEY, how="left")["taken"].notna().to_numpy()
     state = np.where(curated, CURATED, np.where(chosen["split"] == "train", NOT_SELECTED, HELD_OUT))
-    ratio = chosen.pop("error").to_numpy()
+    spread = _spread(pd.read_parquet(folder / "diagnostic_rows.parquet", columns=["advantage", "weight"]))
+    if spread == 0:
+        return chosen.assign(state=state, judged=NOT_JUDGED)
+    ratio = np.abs(targets_of(chosen, plant, mdp).error) / spread
     degree = np.where(ratio <= FIT_ERROR, TRUE, np.where(ratio < HARMFUL_ERROR, BETWEEN, FALSE))
-    return chosen.assign(state=state, judged=np.where(np.isnan(ratio), NOT_JUDGED, degree))
+    return chosen.assign(state=state, judged=degree)
+
+
+def _spread(judged: pd.DataFrame) -> float:
+    """Standard deviation of the advantage, of rows that stand for `weight` rows each."""
+    mean = np.average(judged["advantage"], weights=judged["weight"])
+    return float(np.sqrt(np.average((judged["advantage"] - mean) ** 2, weights=judged["weight"])))
 
 
 def _chosen(rows: pd.DataFrame, seed: int, most: int) -> np.ndarray:
@@ -63,10 +73,8 @@ def _chosen(rows: pd.DataFrame, seed: int, most: int) -> np.ndarray:
         return np.arange(len(rows))
     order = stream(seed, "card: sample").permutation(len(rows))
     training = (rows["split"] == "train").to_numpy()[order]
-    judged = rows["error"].notna().to_numpy()[order]
     of_training = round(most * training.mean())
-    first = np.concatenate([order[training & judged], order[training & ~judged]])[:of_training]
-    return np.sort(np.concatenate([first, order[~training][: most - of_training]]))
+    return np.sort(np.concatenate([order[training][:of_training], order[~training][: most - of_training]]))
 
 
 def packed(sample: pd.DataFrame, candidates: pd.DataFrame, rules: list[dict[str, Any]]) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
 from maglev_offline.report.card.facts import card_facts, rules_of, splits_of
 from maglev_offline.report.card.page import card_page
 from maglev_offline.report.card.parts import parts_of
@@ -11,7 +13,7 @@ from maglev_offline.report.evidence import CARD
 from maglev_offline.workspace import Manifest, Workspace, fingerprint
 
 JSON, PAGE = "card.json", "card.html"
-LAYOUT = 1
+LAYOUT = 2
 """Counts up where the files of the artefact become others, so that an older one is made anew."""
 
 
@@ -38,7 +40,8 @@ def build_card(workspace: Workspace, name: str, description: str = "") -> tuple[
         return home, False
     folder, settings = parts.transitions.folder, parts.transitions.manifest.settings
     candidates = read_candidates(folder)
-    sample = sample_of(candidates, folder, settings["curate"]["seed"])
+    plant, mdp = Plant.model_validate(settings["plant"]), Mdp.model_validate(settings["mdp"])
+    sample = sample_of(candidates, folder, plant, mdp, settings["curate"]["seed"])
     split = splits_of(candidates, folder)
     card = card_facts(parts, name, description, split)
     scatter = packed(sample, candidates, rules_of(settings))

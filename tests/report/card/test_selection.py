@@ -12,6 +12,8 @@ from urllib.parse import quote
 import pytest
 
 from maglev_offline.curate.stage import curate
+from maglev_offline.mdp import Mdp
+from maglev_offline.physics.parameters import Plant
 from maglev_offline.recipe import parse_recipe
 from maglev_offline.report.card.sample import KEY, read_candidates, sample_of
 from maglev_offline.workspace import Workspace
@@ -41,7 +43,7 @@ def opened(tmp_path):
 @pytest.fixture(scope="module")
 def sample(carded):
     folder = carded / "transitions"
-    return sample_of(read_candidates(folder), folder, seed=0)
+    return sample_of(read_candidates(folder), folder, Plant(), Mdp(), seed=0)
 
 
 def kept(recipe, toml, carded, home, sample):
