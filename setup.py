@@ -5,6 +5,7 @@ compiled once for each instruction set and holds them all.
 """
 
 import platform
+from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
 
@@ -49,11 +50,18 @@ class BuildKernel(build_ext):
         """Compile and link; setuptools turns a failure into a warning, since the extension is optional."""
         library = Path(self.get_ext_fullpath(ext.name))
         library.unlink(missing_ok=True)  # a failure must not leave an older one in its place
-        objects: list[str] = []
-        for name, flags in flags_of_sources().items():
-            objects += self.compiler.compile(
-                [str(SOURCES / name)], output_dir=self.build_temp, extra_postargs=flags, depends=ext.depends
+
+        def compiled(name: str, flags: list[str]) -> list[str]:
+            source = str(SOURCES / name)
+            found: list[str] = self.compiler.compile(
+                [source], output_dir=self.build_temp, extra_postargs=flags, depends=ext.depends
             )
+            return found
+
+        with ThreadPoolExecutor() as pool:  # each source takes seconds, in a process of its own
+            objects = [
+                made for one in pool.map(compiled, *zip(*flags_of_sources().items(), strict=True)) for made in one
+            ]
         self.compiler.link_shared_object(objects, str(library), target_lang="c++")
 
     def get_ext_filename(self, fullname: str) -> str:

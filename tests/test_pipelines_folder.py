@@ -1,16 +1,19 @@
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from maglev_offline.curate.settings import ConstructionName
 from maglev_offline.ingest.inputs import find_logs
 from maglev_offline.recipe import load_recipe
+from maglev_offline.transfer.arms import plan_of
 
 FOLDER = Path(__file__).parents[1] / "pipelines"
 RECIPES = sorted(FOLDER.glob("*.toml"))
 
 
-def test_the_three_recipes_are_there():
-    assert [path.stem for path in RECIPES] == ["changsha", "levitator", "quickstart"]
+def test_the_recipes_are_there():
+    assert [path.stem for path in RECIPES] == ["changsha", "levitator", "quickstart", "study"]
 
 
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
@@ -20,7 +23,7 @@ def test_every_recipe_loads_and_says_what_it_is(path):
     assert recipe.description
 
 
-@pytest.mark.parametrize("name", ["changsha", "quickstart"])
+@pytest.mark.parametrize("name", ["changsha", "quickstart", "study"])
 def test_recipes_on_bundled_logs_find_them(name):
     assert len(find_logs(load_recipe(FOLDER / f"{name}.toml").logs, relative_to=FOLDER)) == 3
 
@@ -62,3 +65,15 @@ def test_the_published_learning(changsha):
 def test_the_published_number_of_logged_rows(changsha):
     assert changsha.curate.target_rows == 10_000
     assert changsha.prefill.rows is None
+
+
+def test_the_study_has_every_construction_every_control_and_cures_of_logs_alone():
+    recipe = load_recipe(FOLDER / "study.toml")
+    arms = {name: recipe.transfer.known_arms[name] for name in recipe.transfer.arms}
+    made = {arm.curate.get("construction", recipe.curate.construction) for arm in arms.values() if arm.rows == "log"}
+    assert made == set(get_args(ConstructionName))
+    assert {"empty", "prefill", "uncurated", "shuffled", "random_policy", "pid"} <= set(arms)
+    assert not any(arm.curate.get("construction") == "simulated_next" for arm in arms.values() if arm.cure)
+    assert recipe.transfer.control_periods_ms == (10, 5, 1)
+    for name in arms:
+        plan_of(name, recipe.transfer, recipe.curate, recipe.training)

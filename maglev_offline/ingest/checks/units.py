@@ -39,8 +39,12 @@ def suspect(
     if typical == 0 or 1 / settings.unit_factor < factor < settings.unit_factor:
         return []
     si_unit = UNIT_OF_SIGNAL[signal]
-    logged = typical / to_si_factor(declared.unit, si_unit)
-    off = {unit: abs(ln(logged * to_si_factor(unit, si_unit) / expected)) for unit in _CANDIDATES[signal]}
+    declared_unit = to_si_factor(declared.unit, si_unit)
+    # Logarithms one by one: the smallest of numbers, over anything, would be 0.
+    off = {
+        unit: abs(ln(typical) - ln(expected) + ln(to_si_factor(unit, si_unit) / declared_unit))
+        for unit in _CANDIDATES[signal]
+    }
     best = min(off, key=lambda unit: off[unit])
     numbers: dict[str, float | int | str] = {
         "signal": signal,
