@@ -262,7 +262,7 @@ def test_hostile_names_are_escaped(workspace, recipe, read_page):
     samples["point"] = evil
     samples.to_parquet(folder / "samples.parquet")
     edit(folder, facts={"file": evil}, files={"samples.parquet": sha256_of(folder / "samples.parquet")})
-    path, _ = build(workspace, recipe, title=evil)
+    path, _ = build(workspace, recipe, ("trajectory-1", "trajectory-2", "residual"), title=evil)  # they have names
     page = read_page(path)
     assert page.errors == []
     assert "script" not in {tag for tag, _ in page.tags}
