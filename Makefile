@@ -12,14 +12,15 @@ setup: $(VENV)/.installed
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "maglev-offline needs Python 3.11 or newer")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --constraint constraints.txt \
+	  --editable '.[dev]'
 	@touch $@
 
 demo: setup  ## the whole road on the bundled surrogate logs; prints where the report is
 	$(BIN)/maglev-offline run pipelines/quickstart.toml --workspace $(DEMO)
 
 test: setup  ## the tests, but for the slow studies
-	$(BIN)/python -m pytest -n auto --dist loadgroup
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 check: setup  ## what CI checks before the tests
 	$(BIN)/ruff check .

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from maglev_offline.agents.settings import EvaluationSettings, TrainingSettings
 from maglev_offline.control.settings import ControlSettings
@@ -57,6 +57,19 @@ class Recipe(Settings):
     control: ControlSettings = Field(default_factory=ControlSettings)
     surrogate: SurrogateSettings = Field(default_factory=SurrogateSettings)
     report: ReportSettings = Field(default_factory=ReportSettings)
+
+    @model_validator(mode="after")
+    def _arms_and_periods_can_be(self) -> "Recipe":
+        from maglev_offline.transfer.arms import plan_of
+
+        for name in self.transfer.known_arms:
+            plan_of(name, self.transfer, self.curate, self.training)
+        for period_ms in self.transfer.control_periods_ms:
+            try:
+                Mdp.model_validate(self.mdp.model_dump() | {"control_period_ms": period_ms})
+            except ValidationError as error:
+                raise ValueError(f"[transfer] control_periods_ms: {error.errors()[0]['msg']}") from None
+        return self
 
     @property
     def world(self) -> "World":

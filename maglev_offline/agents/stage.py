@@ -113,7 +113,9 @@ def train_arms(
 
 def _tasks(workspace: Workspace, arm: Arm, world: World, engine: Choice) -> list[_Task]:
     seeds, block = world.training.seed_list, world.training.block
-    inputs = {} if arm.prefill is None else {f"prefill/{arm.prefill.name}": input_hash(arm.prefill)}
+    inputs = {}
+    if arm.prefill is not None:
+        inputs[arm.prefill.relative_to(workspace.root).as_posix()] = input_hash(arm.prefill)
     # What the block depends on is its own seeds, not how many there are in the study, and the engine that is taken.
     training = arm.training or world.training
     shared = training.model_copy(

@@ -1,5 +1,6 @@
 """Commands on the plant and on learning: control, identify, train, transfer."""
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import typer
@@ -53,7 +54,16 @@ def _resized(session: Session, seeds: int | None, steps: int | None) -> Session:
     every = max(1, round(share * session.recipe.evaluation.every_steps))
     session.talk.say(f"{steps:,} steps: the first {explore:,} of them explore, and every {every:,} an evaluation.")
     session = with_options(session, "evaluation", every_steps=every)
-    return with_options(session, "training", steps=steps, exploratory_steps=explore)
+    return _arms_resized(with_options(session, "training", steps=steps, exploratory_steps=explore), share)
+
+
+def _arms_resized(session: Session, share: float) -> Session:
+    """A prefill that decays does so over the same share of a run, in the recipe's training and in that of its arms."""
+    from maglev_offline.transfer.periods import decays_resized
+
+    recipe = session.recipe
+    training, transfer = decays_resized(recipe.training, recipe.transfer, share)
+    return replace(session, recipe=recipe.model_copy(update={"training": training, "transfer": transfer}))
 
 
 def control(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -68,7 +68,7 @@ def curate(
     samples = load_samples(folders)
     belief = Belief(settings.recovery, pid, cascade)
     found = usable_rows(samples, str(workspace.path("samples")), settings, plant, mdp, belief)
-    made = _balanced(found.candidates, settings, plant, mdp)
+    made = _balanced(found.candidates, samples["log_id"].unique(), settings, plant, mdp)
     judged = _judged(samples, made.training, settings, plant, mdp)
     manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
     tables = {"curate": settings, "plant": plant, "mdp": mdp, "pid": pid, "cascade": cascade}
@@ -127,8 +127,10 @@ class _Balanced(NamedTuple):
     facts: dict[str, Any]
 
 
-def _balanced(candidates: pd.DataFrame, settings: CurateSettings, plant: Plant, mdp: Mdp) -> _Balanced:
-    """Mark the split in `candidates`, and choose from the rows for training."""
+def _balanced(
+    candidates: pd.DataFrame, logs: Collection[str], settings: CurateSettings, plant: Plant, mdp: Mdp
+) -> _Balanced:
+    """Mark the split of all `logs` in `candidates`, and choose from the rows for training."""
     from maglev_offline.curate.balance import Candidates, choose
     from maglev_offline.curate.balance.grid import bins_of, cells_of
     from maglev_offline.curate.measures import coverage_facts
@@ -136,7 +138,7 @@ def _balanced(candidates: pd.DataFrame, settings: CurateSettings, plant: Plant, 
     from maglev_offline.curate.split import split_of
     from maglev_offline.curate.transitions import STATE
 
-    candidates["split"] = split_of(candidates["log_id"], settings.validation_share, settings.seed)
+    candidates["split"] = split_of(candidates["log_id"], settings.validation_share, settings.seed, logs)
     in_training = (candidates["split"] == "train").to_numpy()
     training = candidates if in_training.all() else candidates[in_training].reset_index(drop=True)
     values = training[[*STATE, "voltage_deviation_v"]].to_numpy(dtype=np.float64)

@@ -122,6 +122,8 @@ class Evidence:
         """Names of artefacts that another recipe made: `name ([table], ...)`."""
         found = []
         for name, artefact in self.artefacts.items():
+            if name.startswith(("arms/", "curated/")):  # an arm's tables differ on purpose, and it says so itself
+                continue
             both = (artefact.manifest.settings, recipe)
             made, wanted = (_without_training(without_none(tables), _MEANS) for tables in both)
             if name.startswith("training/"):
@@ -167,6 +169,10 @@ def without_none(value: Any) -> Any:
     return [without_none(part) for part in value] if isinstance(value, list) else value
 
 
+WORKSPACES_WITHIN = ("periods",)
+"""Folders of workspaces of their own, whose artefacts are not this one's."""
+
+
 def gather(workspace: Workspace) -> Evidence:
     """Read the manifests of all artefacts in the workspace.
 
@@ -177,7 +183,7 @@ def gather(workspace: Workspace) -> Evidence:
     found = {}
     for path in sorted(workspace.root.rglob("manifest.json")):
         parts = path.parent.relative_to(workspace.root).parts
-        if not parts or parts[0] in PAGES or any(part.startswith(".") for part in parts):
+        if not parts or parts[0] in (*PAGES, *WORKSPACES_WITHIN) or any(part.startswith(".") for part in parts):
             continue
         name = "/".join(parts)
         found[name] = Artefact(name, path.parent, Manifest.read(path.parent), input_hash(path.parent))

@@ -67,7 +67,9 @@ def headline(verdict: Mapping[str, Any]) -> str:
     primary = verdict["primary_metric"]
     for algorithm, found in verdict["algorithms"].items():
         # A primary metric that says nothing (see `_telling`) has established nothing.
-        telling = [_telling(found, arm) for arm in found["effects"]]
+        # Other arms than the logged rows are controls and cures: what they do is not what prefill does.
+        arms = ["prefill"] if "prefill" in found["effects"] else list(found["effects"])
+        telling = [_telling(found, arm) for arm in arms]
         words = [effects[primary]["verdict"] if primary in effects else "inconclusive" for effects in telling]
         groups.setdefault(_outcome(words), []).append(algorithm_label(algorithm))
     parts = [outcome.format(listing(names)) for outcome, names in groups.items()]

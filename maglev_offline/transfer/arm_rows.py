@@ -14,6 +14,7 @@ from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import ArtefactError
 from maglev_offline.replay.prefill import make_prefill, read_transitions
 from maglev_offline.replay.settings import PrefillSettings
+from maglev_offline.settings import Settings
 from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
 from maglev_offline.transfer.arms import Plan
@@ -45,7 +46,12 @@ def prefill_of(workspace: Workspace, plan: Plan, algorithm: Algorithm, world: Wo
 
 
 def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sources) -> Path:
-    """The transitions of an arm that has rows, with the verdict of the diagnostic in their manifest's facts."""
+    """The transitions of an arm that has rows.
+
+    Raises
+    ------
+    ArtefactError: there are no curated transitions, or they were made with other tables than the arm goes by.
+    """
     base = workspace.path("transitions")
     if not (base / "manifest.json").is_file():
         raise ArtefactError(
@@ -53,11 +59,28 @@ def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sour
             where=str(workspace.root),
             todo="Run `maglev-offline ingest LOGS...` first.",
         )
+    _refuse_other_tables(base, plan, world, sources)
     if plan.curate is not None:
         base = _curated(workspace, plan.curate, base, world, sources)
     if plan.rows == "log":
         return base
     return _made(workspace, plan, base, world, sources)
+
+
+def _refuse_other_tables(base: Path, plan: Plan, world: World, sources: Sources) -> None:
+    """Refuse curated rows of another plant or process, and of another [curate] where the arm's own differs from it."""
+    wanted: dict[str, Settings] = {"plant": world.plant, "mdp": world.mdp}
+    if plan.curate is not None:
+        wanted |= {"curate": sources.curate, "pid": sources.control.pid, "cascade": sources.control.cascade}
+    made = Manifest.read(base).settings
+    other = [name for name, table in wanted.items() if name in made and made[name] != table.model_dump(mode="json")]
+    if other:
+        raise ArtefactError(
+            f"the transitions were curated with another {', '.join(f'[{name}]' for name in other)} than this recipe "
+            f"has, so the arm {plan.name!r} could not be held against the others.",
+            where=str(base),
+            todo="Run `maglev-offline curate` with this recipe first.",
+        )
 
 
 def _curated(workspace: Workspace, settings: CurateSettings, recipes: Path, world: World, sources: Sources) -> Path:
@@ -83,8 +106,6 @@ def _curated(workspace: Workspace, settings: CurateSettings, recipes: Path, worl
 
 def _made(workspace: Workspace, plan: Plan, base: Path, world: World, sources: Sources) -> Path:
     """Rows that are made here, as many as `base` has."""
-    from maglev_offline.curate.diagnostic import diagnose
-
     inputs = {base.relative_to(workspace.root).as_posix(): input_hash(base)}
     home = workspace.path("arms", plan.name, "transitions")
     # A random policy holds its actions for as long as the agents do that explore.
@@ -100,10 +121,7 @@ def _made(workspace: Workspace, plan: Plan, base: Path, world: World, sources: S
     tables = {"plant": world.plant, "mdp": world.mdp, "control": sources.control}
     manifest.settings = {name: part.model_dump(mode="json") for name, part in tables.items()}
     manifest.counts = {"transitions": len(table)}
-    manifest.facts = {
-        "construction": plan.rows,
-        "diagnostic": diagnose(table, world.plant, world.mdp, seed).plain(),
-    }
+    manifest.facts = {"construction": plan.rows}
     with workspace.commit(home, manifest) as draft:
         write_parquet(table, draft / "transitions.parquet")
     return home
@@ -127,12 +145,20 @@ def shuffled(table: pd.DataFrame, seed: int) -> pd.DataFrame:
     return table.assign(voltage_deviation_v=voltage, origin="shuffled")
 
 
-def diagnostics(workspace: Workspace, plans: list[Plan], world: World, sources: Sources) -> dict[str, dict[str, Any]]:
-    """What the diagnostic said of each arm's rows before anything was trained; arms without rows are left out."""
+def facts_of_rows(workspace: Workspace, plans: list[Plan], world: World, sources: Sources) -> dict[str, dict[str, Any]]:
+    """What each arm's buffer starts with, and what the diagnostic says of those rows; arms without are left out."""
+    from maglev_offline.curate.diagnostic import diagnose
+
     found = {}
     for plan in plans:
         if plan.rows == "nothing":
             continue
-        facts = Manifest.read(transitions_of(workspace, plan, world, sources)).facts
-        found[plan.name] = {name: facts.get(name) for name in ("construction", "diagnostic")}
+        folder = transitions_of(workspace, plan, world, sources)
+        table = read_transitions(folder)
+        found[plan.name] = {
+            "rows_from": plan.rows,
+            "rows": len(table),
+            "construction": Manifest.read(folder).facts.get("construction"),
+            "diagnostic": diagnose(table, world.plant, world.mdp, sources.curate.seed).plain(),
+        }
     return found

@@ -58,11 +58,20 @@ def plan_of(name: str, settings: TransferSettings, curate: CurateSettings, train
     )
 
 
+def _merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The table with the changes, tables within it merged in the same way."""
+    merged = dict(table)
+    for key, value in changes.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _merged(merged[key], value) if both else value
+    return merged
+
+
 def _with(table: Table, changes: Mapping[str, Any], where: str) -> Table:
     if not changes:
         return table
     try:
-        return type(table).model_validate(table.model_dump() | dict(changes))
+        return type(table).model_validate(_merged(table.model_dump(), changes))
     except ValidationError as error:
         found = "; ".join(f"{'.'.join(map(str, part['loc'])) or 'table'}: {part['msg']}" for part in error.errors())
         raise RecipeError(f"{found}.", where=where, todo="Correct the recipe; nothing was run.") from None

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from maglev_offline.agents.settings import TrainingSettings
 from maglev_offline.agents.stage import World
 from maglev_offline.transfer.settings import TransferSettings
 from maglev_offline.workspace import Workspace
@@ -41,6 +42,23 @@ def settings_at(settings: TransferSettings, world: World, period_ms: float) -> T
         for name, arm in settings.arm.items()
     }
     return settings.model_copy(update={"arm": arms, "control_periods_ms": ()})
+
+
+def decays_resized(
+    training: TrainingSettings, settings: TransferSettings, share: float
+) -> tuple[TrainingSettings, TransferSettings]:
+    """The decay of the prefill over as great a share of a run whose steps became `share` of what they were."""
+
+    def resized(table: dict[str, Any]) -> dict[str, Any]:
+        decay = table.get("prefill_decay_steps")
+        return {} if decay is None else {"prefill_decay_steps": max(1, round(share * decay))}
+
+    arms = {
+        name: arm.model_copy(update={"training": arm.training | resized(arm.training)})
+        for name, arm in settings.arm.items()
+    }
+    training = training.model_copy(update=resized(training.model_dump()))
+    return training, settings.model_copy(update={"arm": arms})
 
 
 def _scaled(training: dict[str, Any], ratio: float) -> dict[str, int]:

@@ -1,5 +1,7 @@
 """How many seeds a study needs, and what so many seeds can show: power of the paired t test."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
@@ -27,7 +29,8 @@ def seeds_needed(difference: Array, effect: float, confidence: float) -> int | N
     std = float(difference.std(ddof=1))
     if _detectable(std, MOST_SEEDS, confidence) > effect:
         return None
-    few, many = 1, MOST_SEEDS
+    least = math.ceil(1 - math.log2(1 - confidence))  # fewer have no interval: `verdict.enough_seeds`
+    few, many = least - 1, MOST_SEEDS
     while many - few > 1:
         middle = (few + many) // 2
         few, many = (few, middle) if _detectable(std, middle, confidence) <= effect else (middle, many)

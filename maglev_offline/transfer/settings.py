@@ -2,7 +2,7 @@
 
 from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PositiveFloat, field_validator, model_validator
 
 from maglev_offline.settings import Settings
 
@@ -67,7 +67,7 @@ class TransferSettings(Settings):
     arm: dict[str, ArmSettings] = Field(default_factory=dict)
     attribution: tuple[AttributionKind, ...] = ()
     attributed: str = "prefill"
-    control_periods_ms: tuple[float, ...] = ()
+    control_periods_ms: tuple[PositiveFloat, ...] = ()
     first_evaluations: int = Field(default=3, ge=1)
     last_evaluations: int = Field(default=5, ge=1)
     threshold_over_lqr: float = Field(default=1.5, gt=1)

@@ -42,9 +42,24 @@ def simulated_rows(plant: Plant, mdp: Mdp, policy: Controller, rows: int, origin
     All episodes run side by side, from the starts, with the random force and with the costs of the environment. Of the
     last episode only as many decisions are taken as are asked for. Columns are those of `constructions.rows.table_of`.
     """
-    decisions = mdp.decisions_per_episode
-    episodes = -(-rows // decisions)
     starts, forces = stream(seed, f"{origin}: starts"), stream(seed, f"{origin}: force")
+    found = 0
+    parts: list[pd.DataFrame] = []
+    while found < rows:  # episodes that end at contact have fewer rows, so more of them are needed
+        episodes = -(-(rows - found) // mdp.decisions_per_episode)
+        part = _episodes(plant, mdp, policy, episodes, starts, forces)
+        parts.append(part.assign(segment=part["segment"] + (parts[-1]["segment"].max() + 1 if parts else 0)))
+        found += len(part)
+    table = pd.concat(parts).sort_values(["segment", "step"], kind="stable").iloc[:rows].reset_index(drop=True)
+    begins = BEGINS + pd.to_timedelta(table["step"] * mdp.control_period_ms, unit="ms")
+    return table.assign(origin=origin, log_id=f"simulated {origin}", point="simulated", t=begins, substep=np.int32(0))
+
+
+def _episodes(
+    plant: Plant, mdp: Mdp, policy: Controller, episodes: int, starts: np.random.Generator, forces: np.random.Generator
+) -> pd.DataFrame:
+    """All rows of so many episodes, side by side; `segment` numbers the episodes."""
+    decisions = mdp.decisions_per_episode
     batch = SuspensionBatch(plant, mdp, episodes)
     batch.reset(starts.uniform(*mdp.start_gap_m, episodes))
     period_s = mdp.plant_steps_per_decision * mdp.plant_step_s
@@ -70,6 +85,4 @@ def simulated_rows(plant: Plant, mdp: Mdp, policy: Controller, rows: int, origin
         )
         parts.append(part[going])
         going &= ~ended
-    table = pd.concat(parts).sort_values(["segment", "step"], kind="stable").iloc[:rows].reset_index(drop=True)
-    begins = BEGINS + pd.to_timedelta(table["step"] * mdp.control_period_ms, unit="ms")
-    return table.assign(origin=origin, log_id=f"simulated {origin}", point="simulated", t=begins, substep=np.int32(0))
+    return pd.concat(parts)

@@ -1,6 +1,6 @@
 """The stage: train the arms, compare them seed by seed, and say whether prefill helps or harms."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,14 @@ from maglev_offline.progress import SILENT, Progress
 from maglev_offline.replay.prefill import read_transitions
 from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
-from maglev_offline.transfer.arm_rows import Sources, diagnostics, prefill_of, transitions_of
+from maglev_offline.transfer.arm_rows import Sources, facts_of_rows, prefill_of, transitions_of
 from maglev_offline.transfer.arms import Plan, plan_of
 from maglev_offline.transfer.attribution import Part, attribute, parts_of, plan_without
 from maglev_offline.transfer.cure import candidates_of, confirmed_cures
 from maglev_offline.transfer.foretelling import foretelling
 from maglev_offline.transfer.judgement import Judgement, judge_curves
 from maglev_offline.transfer.settings import TransferSettings
+from maglev_offline.transfer.verdict import enough_seeds
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
 
 STATISTICS = "BCa, expanded; Holm"
@@ -91,7 +92,8 @@ def run_transfer(
 
     curves = pd.concat([load_curves(folders[arm]) for arm in arms], ignore_index=True)
     judged = judge_curves(curves, world, settings, sources.control)
-    facts = judged.facts | {"rows": diagnostics(workspace, plans, world, sources)}
+    facts = judged.facts | {"rows": facts_of_rows(workspace, plans, world, sources)}
+    _tell(facts, settings, world, progress)
     cures = candidates_of(settings)
     if cures:
         facts["cure"] = confirmed_cures(judged.table, cures, settings, judged.margins, world.training.algorithms)
@@ -112,6 +114,22 @@ def run_transfer(
         for name, part in (("curves", curves), ("metrics", judged.table)):
             write_parquet(part, draft / f"{name}.parquet")
     return home, True
+
+
+def _tell(facts: Mapping[str, Any], settings: TransferSettings, world: World, progress: Progress) -> None:
+    """Warn of arms that had fewer rows than others, and of cures that too few seeds are left to confirm."""
+    most = max((found["rows"] for found in facts["rows"].values()), default=0)
+    fewer = [f"{arm} ({found['rows']:,})" for arm, found in facts["rows"].items() if found["rows"] < most]
+    if fewer:
+        progress.warn(
+            f"arms with fewer rows than the {most:,} of others, which is a difference too: {', '.join(fewer)}."
+        )
+    confirming = world.training.seeds - world.training.seeds // 2
+    if candidates_of(settings) and not enough_seeds(confirming, settings.confidence):
+        progress.warn(
+            f"{confirming} seeds that confirm a cure are too few for an interval at {settings.confidence:.0%}: no cure "
+            "can be confirmed."
+        )
 
 
 def _foretold(facts: dict[str, Any], judged: Judgement, settings: TransferSettings) -> dict[str, Any]:

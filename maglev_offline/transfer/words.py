@@ -72,13 +72,16 @@ def _many(seeds: int | None) -> str:
 
 
 def negative_arms(facts: Facts) -> list[str]:
-    """Algorithms and arms with negative transfer in the primary metric, for `--fail-on negative`."""
+    """Algorithms and arms with negative transfer in the primary metric, for `--fail-on negative`.
+
+    Only arms with rows of the logs: a control that harms, such as shuffled rows, is no negative transfer.
+    """
     primary = facts["primary_metric"]
     return [
         f"{algorithm} {arm}"
         for algorithm, found in facts["algorithms"].items()
         for arm, effects in found["effects"].items()
-        if effects[primary]["verdict"] == "negative"
+        if effects[primary]["verdict"] == "negative" and facts["rows"].get(arm, {}).get("rows_from") == "log"
     ]
 
 

@@ -24,3 +24,17 @@ def test_the_order_of_the_rows_does_not_matter(log_id, seed):
     shuffled = log_id.sample(frac=1, random_state=0)
     split = split_of(shuffled, 0.5, seed)
     np.testing.assert_array_equal(split_of(log_id, 0.5, seed), split.sort_index())
+
+
+@given(logs, st.sampled_from("abcdefgh"), st.integers(0, 50))
+@settings(max_examples=25)
+def test_a_log_that_a_rule_took_changes_nothing_for_the_others(log_id, gone, seed):
+    every = [*log_id.unique(), gone]
+    left = log_id[log_id != gone].reset_index(drop=True)
+    whole = split_of(pd.concat([log_id, pd.Series([gone])], ignore_index=True), 0.5, seed)[: len(log_id)]
+    expected = whole[log_id != gone].reset_index(drop=True)
+    found = split_of(left, 0.5, seed, every)
+    if len(left) and (expected == "validation").all():  # nothing else is left: then it is for training
+        assert (found == "train").all()
+    else:
+        assert found.tolist() == expected.tolist()

@@ -5,6 +5,7 @@ import pytest
 from maglev_offline.agents.stage import load_curves
 from maglev_offline.control.settings import ControlSettings
 from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.errors import ArtefactError
 from maglev_offline.replay.settings import PrefillSettings
 from maglev_offline.transfer.arm_rows import Sources, prefill_of, shuffled, transitions_of
 from maglev_offline.transfer.arms import plan_of
@@ -42,12 +43,13 @@ def test_every_arm_has_as_many_rows_as_the_curated_log(several_arms):
 
 def test_the_verdict_before_training_stands_beside_the_outcome(several_arms):
     facts = Manifest.read(several_arms.path("transfer")).facts
-    assert facts["rows"]["pid"]["construction"] == "pid"
+    assert {arm: (rows["rows_from"], rows["rows"]) for arm, rows in facts["rows"].items()} == {
+        "prefill": ("log", 30), "shuffled": ("shuffled", 30), "random_policy": ("random_policy", 30), "pid": ("pid", 30)
+    }  # fmt: skip
     assert facts["rows"]["pid"]["diagnostic"]["verdict"] == "fit"
     assert facts["rows"]["shuffled"]["diagnostic"]["error_over_advantage_std"] > 0.5
-    assert facts["rows"]["prefill"]["diagnostic"] is None  # made by hand, never judged
     counted = [n for row in facts["foretelling"]["calibration"].values() for n in row.values()]
-    assert sum(counted) == 3
+    assert sum(counted) == 4
 
 
 def test_shuffled_rows_have_the_same_states_costs_and_voltages_and_other_pairs_of_them(several_arms):
@@ -84,3 +86,18 @@ def test_pid_rows_are_what_the_pid_does_at_the_control_period(several_arms, tiny
     expected = np.clip(3100 * first["gap_error_m"], -200, 200)
     np.testing.assert_allclose(first["voltage_deviation_v"], expected)
     assert table["duration_s"].eq(tiny_world.mdp.control_period_ms / 1e3).all()
+
+
+def test_rows_of_another_process_are_no_base_for_an_arm(several_arms, tiny_world, judged):
+    other = tiny_world._replace(mdp=tiny_world.mdp.model_copy(update={"discount": 0.5}))
+    plan = plan_of("shuffled", judged, SOURCES.curate, tiny_world.training)
+    with pytest.raises(ArtefactError, match=r"another \[mdp\] than this recipe has, so the arm 'shuffled'"):
+        transitions_of(several_arms, plan, other, SOURCES)
+
+
+def test_training_names_the_rows_that_each_arm_really_started_with(several_arms):
+    inputs = {
+        arm: list(Manifest.read(several_arms.path("training", f"ddpg-{arm}", "seeds-0000-0001")).inputs)
+        for arm in ("empty", "prefill", "shuffled")
+    }
+    assert inputs == {"empty": [], "prefill": ["prefill/ddpg"], "shuffled": ["arms/shuffled/ddpg"]}

@@ -1,7 +1,7 @@
 import pytest
-from pydantic import ValidationError
 
 from maglev_offline.agents.settings import TrainingSettings
+from maglev_offline.curate.recovery.settings import RecoverySettings
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import RecipeError
 from maglev_offline.recipe import parse_recipe
@@ -27,6 +27,13 @@ def test_an_arm_differs_in_what_it_says_and_in_nothing_else():
     found = plan("half", half={"curate": {"construction": "interpolated"}, "training": {"mixing_share": 0.5}})
     assert found.curate == CURATE.model_copy(update={"construction": "interpolated"})
     assert found.training == TRAINING.model_copy(update={"mixing_share": 0.5})
+
+
+def test_a_table_within_a_table_is_changed_where_the_arm_says_so_and_nowhere_else():
+    curate = CurateSettings(recovery=RecoverySettings(gap_std_m=5e-5))
+    settings = TransferSettings(arm={"own": ArmSettings(curate={"recovery": {"law": "pid"}})})
+    found = plan_of("own", settings, curate, TRAINING).curate
+    assert found.recovery == curate.recovery.model_copy(update={"law": "pid"})
 
 
 @pytest.mark.parametrize("key", SAME_IN_ALL_ARMS)
@@ -62,10 +69,11 @@ def test_an_unknown_arm_is_named_with_those_that_are_known():
         ({"arm": {"../up": {}}}, "names a folder"),
         ({"arm": {"odd": {"rows": "pid", "curate": {"construction": "raw"}}}}, "nothing to curate"),
         ({"arm": {"odd": {"rows": "thin air"}}}, "rows"),
+        ({"arm": {"odd": {"training": {"mixing_shre": 0.5}}}}, "mixing_shre"),  # though no arms name it
+        ({"control_periods_ms": [10, 2.5]}, "control_periods_ms.*whole multiple"),
+        ({"control_periods_ms": [0]}, "control_periods_ms"),
     ],
 )
-def test_a_recipe_with_an_arm_that_cannot_be_is_refused(table, what):
+def test_a_recipe_with_an_arm_or_a_period_that_cannot_be_is_refused(table, what):
     with pytest.raises(RecipeError, match=what):
         parse_recipe({"transfer": table}, "recipe.toml")
-    with pytest.raises(ValidationError):
-        TransferSettings.model_validate(table)

@@ -5,7 +5,7 @@ from maglev_offline.agents.settings import EvaluationSettings, TrainingSettings
 from maglev_offline.agents.stage import World
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
-from maglev_offline.transfer.periods import settings_at, workspace_at, world_at
+from maglev_offline.transfer.periods import decays_resized, settings_at, workspace_at, world_at
 from maglev_offline.transfer.settings import ArmSettings, TransferSettings
 from maglev_offline.workspace import Workspace
 
@@ -52,3 +52,11 @@ def test_the_workspace_of_a_period_sees_the_samples(tmp_path):
         there = workspace_at(workspace, 5.0)
     assert there.root == tmp_path / "periods" / "5ms"
     assert there.path("samples", "log").is_dir()
+
+
+def test_a_shorter_run_decays_sooner():
+    arms = {"decaying": ArmSettings(training={"prefill_decay_steps": 1000}), "plain": ArmSettings()}
+    training = TrainingSettings(steps=20_000, prefill_decay_steps=500)
+    short, settings = decays_resized(training, TransferSettings(arm=arms), 0.1)
+    assert short == training.model_copy(update={"prefill_decay_steps": 50})
+    assert settings.arm == {"decaying": ArmSettings(training={"prefill_decay_steps": 100}), "plain": ArmSettings()}

@@ -54,6 +54,8 @@ def test_an_episode_that_ends_at_contact_has_no_rows_behind_it():
     assert table["terminated"].any()
     assert (table[table["terminated"]].index.isin(last.index)).all()
     assert (table["discount"] == np.where(table["terminated"], 0.0, ends.discount)).all()
+    assert len(table) == 100
+    assert not table.duplicated(["segment", "step"]).any()
 
 
 def test_the_same_seed_gives_the_same_rows_and_another_one_others():

@@ -17,6 +17,7 @@ UNKNOWN = EFFECT | {"low": None, "high": None, "detectable": None, "seeds_needed
 FACTS = {
     "primary_metric": "area",
     "arms": ["empty", "prefill"],
+    "rows": {"prefill": {"rows_from": "log"}},
     "algorithms": {
         "ddpg": {"effects": {"prefill": {"area": UNKNOWN}}},
         "td3": {"effects": {"prefill": {"area": EFFECT}}},
@@ -46,6 +47,7 @@ def test_the_power_of_a_study_is_said_in_seeds():
 
 def test_negative_transfer_is_found_in_the_primary_metric_only():
     assert negative_arms(FACTS) == ["td3 prefill"]
+    assert negative_arms(FACTS | {"rows": {"prefill": {"rows_from": "shuffled"}}}) == []
     assert negative_arms(FACTS | {"primary_metric": "jumpstart", "algorithms": {"ddpg": {"effects": {}}}}) == []
 
 
