@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from maglev_offline.errors import InputError
+from maglev_offline.replay.checks import refuse_not_finite, refuse_small_capacity, refuse_wide_actions
 from maglev_offline.replay.sampling import Mixture, places
 
 WIDTH = 10
@@ -169,19 +170,6 @@ def check_prefill(rows: NDArray[np.float32], capacity: int) -> None:
     """
     if rows.ndim != 2 or rows.shape[1] != WIDTH:
         raise InputError(f"prefill has the shape {rows.shape}, expected [n, {WIDTH}].", where=WHERE)
-    if len(rows) >= capacity:
-        raise InputError(
-            f"{len(rows)} prefilled rows do not fit into {capacity} slots with room for new ones.",
-            where=WHERE,
-            todo="Raise training.buffer_capacity or lower curate.target_rows.",
-        )
-    bad = ~np.isfinite(rows).all(axis=1)
-    if bad.any():
-        raise InputError(f"{bad.sum()} prefilled rows are not finite, first row {bad.argmax()}.", where=WHERE)
-    outside = np.abs(rows[:, _ACTION]) > 1
-    if outside.any():
-        raise InputError(
-            f"{outside.sum()} prefilled actions lie outside [-1, 1], first row {outside.argmax()}.",
-            where=WHERE,
-            todo="Scale actions by the voltage limit of the recipe.",
-        )
+    refuse_small_capacity(len(rows), capacity, WHERE)
+    refuse_not_finite({"prefill": rows}, WHERE)
+    refuse_wide_actions(rows[:, _ACTION], WHERE)

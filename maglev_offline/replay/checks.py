@@ -17,7 +17,7 @@ def refuse_not_finite(columns: Mapping[str, NDArray[Any]], where: str) -> None:
     InputError: there is one; the first is named.
     """
     for name, column in columns.items():
-        bad = ~np.isfinite(column.astype(float).reshape(len(column), -1)).all(axis=1)
+        bad = ~np.isfinite(column.astype(float)).all(axis=tuple(range(1, column.ndim)))
         if bad.any():
             raise InputError(
                 f"row {bad.argmax()}, column {name}: the value is not finite ({bad.sum()} such rows).",
@@ -33,7 +33,7 @@ def refuse_wide_actions(action: NDArray[Any], where: str) -> None:
     ------
     InputError: there is one; the first is named.
     """
-    outside = (np.abs(action) > 1).reshape(len(action), -1).any(axis=1)
+    outside = (np.abs(action) > 1).any(axis=tuple(range(1, action.ndim)))
     if outside.any():
         row = int(outside.argmax())
         raise InputError(
@@ -55,5 +55,5 @@ def refuse_small_capacity(rows: int, capacity: int, where: str) -> None:
         raise InputError(
             f"{rows:,} prefilled rows do not fit into {capacity:,} slots with room for new ones.",
             where=where,
-            todo="Take a larger buffer, or set fewer rows in the recipe (prefill.rows).",
+            todo="Take a larger buffer (training.buffer_capacity), or fewer rows (prefill.rows).",
         )

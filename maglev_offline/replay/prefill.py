@@ -86,19 +86,7 @@ def make_prefill(
     InputError: the rows do not fit into `capacity`, or cannot be scaled.
     """
     source, home = source or workspace.path("transitions"), home or workspace.path("prefill", algorithm)
-    if not (source / "manifest.json").is_file():
-        raise ArtefactError(
-            "there are no curated transitions in the workspace.",
-            where=str(workspace.root),
-            todo="Run `maglev-offline ingest LOGS...` first.",
-        )
-    made = Manifest.read(source)
-    if made.settings["plant"] != plant.model_dump(mode="json") or made.settings["mdp"] != mdp.model_dump(mode="json"):
-        raise ArtefactError(
-            "the transitions were curated with another [plant] or [mdp] than this recipe has.",
-            where=str(source),
-            todo="Run `maglev-offline curate` with this recipe, then prefill again.",
-        )
+    made = fitting_transitions(source, plant, mdp)
     inputs = {source.relative_to(workspace.root).as_posix(): input_hash(source)}
     if capacity is not None:
         rows = made.counts["transitions"]
@@ -127,6 +115,29 @@ def make_prefill(
         # safetensors writes memory as it lies: an array in Fortran order, as pandas gives, comes back scrambled.
         save_file({k: np.ascontiguousarray(v) for k, v in columns.items()}, draft / "prefill.safetensors")
     return home, True
+
+
+def fitting_transitions(source: Path, plant: Plant, mdp: Mdp) -> Manifest:
+    """The manifest of the transitions in `source`, which were curated for this plant and decision process.
+
+    Raises
+    ------
+    ArtefactError: there are none, or they were curated for others.
+    """
+    if not (source / "manifest.json").is_file():
+        raise ArtefactError(
+            "there are no curated transitions in the workspace.",
+            where=str(source.parent),
+            todo="Run `maglev-offline ingest LOGS...` first.",
+        )
+    made = Manifest.read(source)
+    if made.settings["plant"] != plant.model_dump(mode="json") or made.settings["mdp"] != mdp.model_dump(mode="json"):
+        raise ArtefactError(
+            "the transitions were curated with another [plant] or [mdp] than this recipe has.",
+            where=str(source),
+            todo="Run `maglev-offline curate` with this recipe, then try again.",
+        )
+    return made
 
 
 def read_transitions(source: Path) -> pd.DataFrame:

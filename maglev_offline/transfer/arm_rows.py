@@ -12,7 +12,7 @@ from maglev_offline.control.pid import pid
 from maglev_offline.control.settings import ControlSettings
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import ArtefactError
-from maglev_offline.replay.prefill import make_prefill, read_transitions
+from maglev_offline.replay.prefill import fitting_transitions, make_prefill, read_transitions
 from maglev_offline.replay.settings import PrefillSettings
 from maglev_offline.settings import Settings
 from maglev_offline.streams import stream
@@ -53,31 +53,25 @@ def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sour
     ArtefactError: there are no curated transitions, or they were made with other tables than the arm goes by.
     """
     base = workspace.path("transitions")
-    if not (base / "manifest.json").is_file():
-        raise ArtefactError(
-            "there are no curated transitions in the workspace.",
-            where=str(workspace.root),
-            todo="Run `maglev-offline ingest LOGS...` first.",
-        )
-    _refuse_other_tables(base, plan, world, sources)
+    made = fitting_transitions(base, world.plant, world.mdp)
     if plan.curate is not None:
+        _refuse_other_tables(base, made, plan.name, sources)
         base = _curated(workspace, plan.curate, base, world, sources)
     if plan.rows == "log":
         return base
     return _made(workspace, plan, base, world, sources)
 
 
-def _refuse_other_tables(base: Path, plan: Plan, world: World, sources: Sources) -> None:
-    """Refuse curated rows of another plant or process, and of another [curate] where the arm's own differs from it."""
-    wanted: dict[str, Settings] = {"plant": world.plant, "mdp": world.mdp}
-    if plan.curate is not None:
-        wanted |= {"curate": sources.curate, "pid": sources.control.pid, "cascade": sources.control.cascade}
-    made = Manifest.read(base).settings
-    other = [name for name, table in wanted.items() if name in made and made[name] != table.model_dump(mode="json")]
+def _refuse_other_tables(base: Path, made: Manifest, arm: str, sources: Sources) -> None:
+    """Refuse to curate an arm by the recipe beside rows that were curated by another [curate]."""
+    wanted: dict[str, Settings] = {
+        "curate": sources.curate, "pid": sources.control.pid, "cascade": sources.control.cascade
+    }  # fmt: skip
+    other = [name for name, table in wanted.items() if made.settings.get(name) != table.model_dump(mode="json")]
     if other:
         raise ArtefactError(
             f"the transitions were curated with another {', '.join(f'[{name}]' for name in other)} than this recipe "
-            f"has, so the arm {plan.name!r} could not be held against the others.",
+            f"has, so the arm {arm!r} could not be held against the others.",
             where=str(base),
             todo="Run `maglev-offline curate` with this recipe first.",
         )

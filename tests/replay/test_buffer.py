@@ -103,7 +103,7 @@ def test_a_row_that_is_not_finite_is_refused_and_named(column, value):
     rows = rows_of(5)
     rows[3, column] = value
     buffer = ReplayBuffer(1, 10)
-    with pytest.raises(InputError, match="1 prefilled rows are not finite, first row 3"):
+    with pytest.raises(InputError, match=r"row 3, column prefill: the value is not finite \(1 such rows\)"):
         buffer.prefill(rows)
     assert len(buffer) == 0
 
@@ -112,7 +112,7 @@ def test_a_row_that_is_not_finite_is_refused_and_named(column, value):
 def test_an_action_outside_its_range_is_refused_and_named(action):
     rows = rows_of(5)
     rows[2:4, 3] = action
-    with pytest.raises(InputError, match=r"2 prefilled actions lie outside \[-1, 1\], first row 2"):
+    with pytest.raises(InputError, match=r"row 2, column action: .* lies outside \[-1, 1\] \(2 such rows\)"):
         ReplayBuffer(1, 10).prefill(rows)
 
 

@@ -91,7 +91,7 @@ def test_pid_rows_are_what_the_pid_does_at_the_control_period(several_arms, tiny
 def test_rows_of_another_process_are_no_base_for_an_arm(several_arms, tiny_world, judged):
     other = tiny_world._replace(mdp=tiny_world.mdp.model_copy(update={"discount": 0.5}))
     plan = plan_of("shuffled", judged, SOURCES.curate, tiny_world.training)
-    with pytest.raises(ArtefactError, match=r"another \[mdp\] than this recipe has, so the arm 'shuffled'"):
+    with pytest.raises(ArtefactError, match=r"another \[plant\] or \[mdp\] than this recipe has"):
         transitions_of(several_arms, plan, other, SOURCES)
 
 
