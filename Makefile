@@ -20,7 +20,7 @@ demo: setup  ## the whole road on the bundled surrogate logs; prints where the r
 	$(BIN)/maglev-offline run pipelines/quickstart.toml --workspace $(DEMO)
 
 test: setup  ## the tests, but for the slow studies
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto
 
 check: setup  ## what CI checks before the tests
 	$(BIN)/ruff check .

@@ -35,13 +35,16 @@ def world_at(world: World, period_ms: float) -> World:
 
 
 def settings_at(settings: TransferSettings, world: World, period_ms: float) -> TransferSettings:
-    """The same arms at another period; their own numbers of decisions grow with it."""
+    """The same arms at another period; their own numbers of decisions grow with it.
+
+    What parts of the rows do is asked at the recipe's own period alone: it would double the runs of each other one.
+    """
     ratio = world.mdp.control_period_ms / period_ms
     arms = {
         name: arm.model_copy(update={"training": arm.training | _scaled(arm.training, ratio)})
         for name, arm in settings.arm.items()
     }
-    return settings.model_copy(update={"arm": arms, "control_periods_ms": ()})
+    return settings.model_copy(update={"arm": arms, "attribution": (), "control_periods_ms": ()})
 
 
 def decays_resized(
