@@ -138,7 +138,7 @@ def _transfer_at(
     from maglev_offline.transfer.stage import run_transfer
 
     progress.say(f"the same at a control period of {period_ms:g} ms:")
-    world, there = world_at(recipe.world, period_ms), workspace_at(workspace, period_ms)
+    world, there = world_at(recipe.world, period_ms, recipe.transfer), workspace_at(workspace, period_ms)
     made = Manifest.read(workspace.path("transitions"))
     curate(
         there, recipe.curate, world.plant, world.mdp, pid=recipe.control.pid, cascade=recipe.control.cascade,

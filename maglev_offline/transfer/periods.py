@@ -12,11 +12,12 @@ DECISIONS = ("steps", "exploratory_steps", "prefill_decay_steps")
 """Settings of training that count decisions."""
 
 
-def world_at(world: World, period_ms: float) -> World:
+def world_at(world: World, period_ms: float, settings: TransferSettings | None = None) -> World:
     """The world with decisions every `period_ms`: as many seconds of experience, and the same horizon in seconds.
 
     Numbers of decisions grow as the period shrinks, and the discount is gamma^(period / the recipe's period). Replay,
-    batches and networks stay as they are, so a shorter period also has more gradient steps.
+    batches and networks stay as they are, so a shorter period also has more gradient steps: `settings` may ask for a
+    share of the experience, which ends a run sooner, and for fewer seeds, the first ones.
 
     Raises
     ------
@@ -25,9 +26,13 @@ def world_at(world: World, period_ms: float) -> World:
     ratio = world.mdp.control_period_ms / period_ms
     mdp = {"control_period_ms": period_ms, "discount": world.mdp.discount ** (1 / ratio)}
     training, evaluation = world.training.model_dump(), world.evaluation.model_dump()
+    other = _scaled(training, ratio)
+    if settings is not None:
+        other["steps"] = max(1, round(other["steps"] * settings.other_periods_experience_share))
+        other["seeds"] = min(training["seeds"], settings.other_periods_seeds or training["seeds"])
     return world._replace(
         mdp=type(world.mdp).model_validate(world.mdp.model_dump() | mdp),
-        training=type(world.training).model_validate(training | _scaled(training, ratio)),
+        training=type(world.training).model_validate(training | other),
         evaluation=world.evaluation.model_copy(
             update={"every_steps": max(1, round(evaluation["every_steps"] * ratio))}
         ),

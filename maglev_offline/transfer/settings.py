@@ -51,7 +51,8 @@ class TransferSettings(Settings):
     `attribution`: leave out each log, each cell of the state space, or each quartile of cost in an arm of its own, and
     hold it against the arm `attributed`, which has them all: which part of the rows helps or harms.
 
-    `control_periods_ms`: run all of it at these control periods too, with as many seconds of experience.
+    `control_periods_ms`: run all of it but the attribution at these control periods too, with as many seconds of
+    experience, or with `other_periods_experience_share` of them; `other_periods_seeds`: with fewer seeds, the first.
 
     `primary_metric`: the one that the answer is about; the others are reported beside it, as exploration.
 
@@ -68,6 +69,8 @@ class TransferSettings(Settings):
     attribution: tuple[AttributionKind, ...] = ()
     attributed: str = "prefill"
     control_periods_ms: tuple[PositiveFloat, ...] = ()
+    other_periods_experience_share: float = Field(default=1.0, gt=0, le=1)
+    other_periods_seeds: int | None = Field(default=None, ge=1)
     first_evaluations: int = Field(default=3, ge=1)
     last_evaluations: int = Field(default=5, ge=1)
     threshold_over_lqr: float = Field(default=1.5, gt=1)

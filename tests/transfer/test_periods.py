@@ -33,6 +33,17 @@ def test_what_does_not_count_decisions_stays():
     assert there.plant == WORLD.plant
 
 
+def test_other_periods_may_end_sooner_and_have_fewer_seeds():
+    settings = TransferSettings(other_periods_experience_share=0.5, other_periods_seeds=4)
+    there = world_at(WORLD, 5, settings)
+    assert there.training.steps == 20_000
+    assert there.training.exploratory_steps == 2_000
+    assert there.evaluation.every_steps == 1_000
+    assert there.training.seeds == 4
+    few = WORLD._replace(training=WORLD.training.model_copy(update={"seeds": 2}))
+    assert world_at(few, 5, settings).training.seeds == 2
+
+
 def test_a_period_that_the_plant_step_does_not_divide_is_refused():
     with pytest.raises(ValidationError, match="whole multiple"):
         world_at(WORLD, 2.5)
@@ -43,6 +54,11 @@ def test_an_arms_own_numbers_of_decisions_grow_too():
     found = settings_at(TransferSettings(arm={"decaying": arm}, control_periods_ms=(1,)), WORLD, 1)
     assert found.arm["decaying"].training == {"prefill_decay_steps": 10_000, "mixing_share": 0.5}
     assert found.control_periods_ms == ()
+
+
+def test_parts_of_the_rows_are_asked_about_at_the_recipes_own_period_alone():
+    asked = TransferSettings(attribution=("logs",), control_periods_ms=(1,))
+    assert settings_at(asked, WORLD, 1).attribution == ()
 
 
 def test_the_workspace_of_a_period_sees_the_samples(tmp_path):
