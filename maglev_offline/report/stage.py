@@ -34,6 +34,7 @@ from maglev_offline.report.study.arms import judged_arms
 from maglev_offline.report.study.paper import paper_section
 from maglev_offline.report.study.periods import periods_section
 from maglev_offline.report.study.runs import runs_section
+from maglev_offline.report.study.sections import differences_section, profiles_section, why_section
 from maglev_offline.report.study.threats import threats_section
 from maglev_offline.report.svg import inline_svg
 from maglev_offline.report.typesetting import json_block, page_environment, script_mark, source
@@ -152,7 +153,10 @@ def head_section(evidence: Evidence, recipe: Mapping[str, Any]) -> Section:
     return head
 
 
-STUDY = (periods_section, paper_section, threats_section, runs_section)
+STUDY = (
+    *(differences_section, profiles_section, why_section, periods_section),
+    *(paper_section, threats_section, runs_section),
+)
 """Sections that stand where the study has something to say for them."""
 
 

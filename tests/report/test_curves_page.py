@@ -119,7 +119,8 @@ def test_a_drag_zooms_and_two_clicks_show_all(asked):
 
 def test_every_run_is_drawn_when_asked_and_the_nearest_is_named_with_its_artefact(asked, page):
     found, _ = asked(
-        'const count = () => live.querySelectorAll(".panel path").length; said.before = count(); box("every run").click();'
+        'const count = () => live.querySelectorAll(".panel path").length; said.before = count();'
+        'box("every run").click();'
         'said.after = count(); point("pointermove", 0.5); said.run = live.querySelector(".nearby").textContent'
     )
     assert (found["before"], found["after"]) == (2 * 2 * 2, 2 * 2 * (3 + 1))

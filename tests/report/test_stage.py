@@ -24,11 +24,12 @@ from maglev_offline.workspace import Manifest, Workspace, sha256_of
 FIGURES = (
     *("trajectory-1", "trajectory-2", "coverage", "truth", "residual", "prefill"),
     *("force", "root-locus", "steps", "robustness"),
-    *("regulation", "long", "curves", "forest"),
+    *("regulation", "long", "curves", "forest", "differences", "profiles"),
 )
 SECTIONS = (
     *("origin", "trajectories", "coverage", "truth", "prefill"),
-    *("plant", "regulation", "curves", "verdict", "paper", "threats", "runs", "recipe"),
+    *("plant", "regulation", "curves", "verdict"),
+    *("differences", "profiles", "paper", "threats", "runs", "recipe"),
 )
 
 
