@@ -139,7 +139,8 @@ class Evidence:
             both = (artefact.manifest.settings, recipe)
             made, wanted = (_without_training(without_none(tables), _MEANS) for tables in both)
             if name.startswith("training/"):
-                made, wanted = _without_seeds(made), _without_seeds(wanted)
+                arm = artefact.folder.parent.name.partition("-")[2]
+                made, wanted = _without_seeds(made), _without_seeds(_of_arm(wanted, arm))
             other = [f"[{table}]" for table, value in made.items() if table in wanted and value != wanted[table]]
             if other:
                 found.append(f"{name} ({', '.join(other)})")
@@ -157,6 +158,12 @@ class Evidence:
 def _training_of(block: Artefact) -> Any:
     """What a block was trained with, but for which seeds it holds."""
     return _without_seeds(block.manifest.settings)
+
+
+def _of_arm(recipe: Mapping[str, Any], arm: str) -> dict[str, Any]:
+    """The recipe with what it says differs in training in that arm."""
+    own = recipe.get("transfer", {}).get("arm", {}).get(arm, {}).get("training", {})
+    return {**recipe, "training": {**recipe.get("training", {}), **own}} if own else dict(recipe)
 
 
 def _without_seeds(tables: Mapping[str, Any]) -> dict[str, Any]:

@@ -123,7 +123,9 @@ def _regulation_table(evidence: Evidence, agents: pd.DataFrame | None, arms: Seq
             rows.append([controller_stroke(str(row["controller"])).label, "", *cells])
     if agents is not None and process is not None:
         table = agent_metrics(agents, *process)
-        for (algorithm, arm), group in table.groupby(["algorithm", "arm"], sort=False):
+        groups = dict(iter(table.groupby(["algorithm", "arm"], sort=False)))
+        for algorithm, arm in sorted(groups, key=lambda pair: (pair[0], arms.index(pair[1]))):
+            group = groups[algorithm, arm]
             cells = [spread(group[name].to_numpy(), scale) for name, _, scale in _COLUMNS]
             settled = int(group["settling_time_s"].notna().sum())
             cells[1] = "never" if not settled else cells[1]
