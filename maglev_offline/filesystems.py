@@ -37,6 +37,16 @@ _WORDS = (
 )
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a local file that appears under its name only when it is whole; raises OSError as writing does."""
+    draft = path.with_name(f".{path.name}.draft")
+    try:
+        draft.write_bytes(content)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
 def is_address(text: str) -> bool:
     """Whether a text is an address and not a path."""
     return _ADDRESS.match(text) is not None

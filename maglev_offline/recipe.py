@@ -13,6 +13,7 @@ from maglev_offline.agents.settings import EvaluationSettings, TrainingSettings
 from maglev_offline.control.settings import ControlSettings
 from maglev_offline.curate.settings import CurateSettings
 from maglev_offline.errors import RecipeError
+from maglev_offline.filesystems import write_whole
 from maglev_offline.identify.settings import IdentifySettings
 from maglev_offline.ingest.check_settings import CheckSettings
 from maglev_offline.ingest.request import Request
@@ -107,7 +108,7 @@ def load_recipe(path: Path) -> Recipe:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, IsADirectoryError):
         raise RecipeError("there is no such recipe.", where=str(path), todo="Give the path of a TOML file.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # beside what is no TOML: a number of 5,000 digits, 1,000 brackets
         raise RecipeError(f"this is no valid TOML: {error}.", where=str(path), todo="Correct the line.") from None
     return parse_recipe(data, str(path))
 
@@ -171,9 +172,8 @@ def _keys_of(path: list[str]) -> list[str]:
 def remember(root: Path, recipe: Recipe) -> None:
     """Keep the recipe in the workspace, so that the commands that follow need not be told again."""
     root.mkdir(parents=True, exist_ok=True)
-    draft = root / ".recipe.json.draft"
-    draft.write_text(json.dumps(recipe.plain(), indent=2, sort_keys=True) + "\n")
-    draft.replace(root / "recipe.json")
+    text = json.dumps(recipe.plain(), indent=2, sort_keys=True) + "\n"
+    write_whole(root / "recipe.json", text.encode())
 
 
 def recall(root: Path) -> Recipe | None:
@@ -186,5 +186,5 @@ def recall(root: Path) -> Recipe | None:
         return parse_recipe(json.loads(path.read_text(encoding="utf-8")), str(path))
     except RecipeError as error:
         raise RecipeError(error.what, where=str(path), todo=todo) from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise RecipeError("it cannot be read.", where=str(path), todo=todo) from None

@@ -1,15 +1,14 @@
 """Where artefacts lie: one folder each, committed whole or not at all, with a manifest of where it came from."""
 
 import fcntl
+import glob
 import hashlib
 import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +16,13 @@ from maglev_offline import __version__
 from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
 from maglev_offline.hashes import KnownHashes, Stamp, stamp_of
 from maglev_offline.hashes import sha256_of as sha256_of
+from maglev_offline.manifest import SCHEMA
+from maglev_offline.manifest import Manifest as Manifest
+from maglev_offline.manifest import package_versions as package_versions
 from maglev_offline.settings import Settings
-
-SCHEMA = 1
-"""Version of the layout of artefacts; a reader refuses any other."""
 
 KNOWN_HASHES = ".known_hashes.json"
 """File of the workspace in which the hashes of logs and artefacts are kept; see `hashes`. It may be removed."""
-
-_RECORDED_PACKAGES = ("control", "matplotlib", "mcap", "numpy", "pandas", "pyarrow", "scipy", "torch")
 
 
 def fingerprint(stage: str, inputs: Mapping[str, str], *settings: Settings, **options: Any) -> str:
@@ -50,76 +47,17 @@ def fingerprint(stage: str, inputs: Mapping[str, str], *settings: Settings, **op
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def package_versions() -> dict[str, str]:
-    """Versions of the packages that can change an artefact's bytes."""
-    found = {"maglev-offline": __version__}
-    for name in _RECORDED_PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # an optional package that is not there changes nothing
-            continue
-    return found
-
-
-@dataclass
-class Manifest:
-    """What an artefact is made of; written as `manifest.json` in its folder.
-
-    `counts` are rows and messages; `left_out` counts by reason code what was not used; `facts` are the
-    stage's own findings. No wall-clock time: the same inputs give the same bytes.
-    """
-
-    artefact: str
-    fingerprint: str
-    inputs: dict[str, str]
-    counts: dict[str, int] = field(default_factory=dict)
-    left_out: dict[str, int] = field(default_factory=dict)
-    facts: dict[str, Any] = field(default_factory=dict)
-    settings: dict[str, Any] = field(default_factory=dict)
-    files: dict[str, str] = field(default_factory=dict)
-    versions: dict[str, str] = field(default_factory=package_versions)
-    schema: int = SCHEMA
-
-    @classmethod
-    def read(cls, folder: Path) -> "Manifest":
-        """Read the manifest of the artefact in `folder`.
-
-        Raises
-        ------
-        ArtefactError: there is none, or it was written by another schema.
-        """
-        path = folder / "manifest.json"
-        try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-            if data.get("schema") != SCHEMA:
-                raise ArtefactError(
-                    f"the artefact has schema {data.get('schema')!r}, this version reads {SCHEMA}.",
-                    where=str(folder),
-                    todo="Remove the workspace and run the stages again.",
-                )
-            return cls(**data)
-        except (FileNotFoundError, NotADirectoryError):
-            raise ArtefactError(
-                "there is no such artefact.", where=str(folder), todo="Run the stage that makes it first."
-            ) from None
-        except (OSError, ValueError, TypeError, AttributeError) as error:
-            raise ArtefactError(
-                f"the manifest cannot be read ({error}).",
-                where=str(path),
-                todo="Remove the folder and run again.",
-            ) from None
-
-
 class Workspace:
     """A folder of artefacts. Readers see whole artefacts only; one command writes at a time."""
 
     def __init__(self, root: Path, *, rehash: bool = False) -> None:
         self.root, self.rehash = root, rehash
         self._manifests: dict[Path, tuple[Stamp, Manifest]] = {}
+        self._holder: str | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Go to a worker process without hashes and manifests, which are many and not its business."""
-        return {"root": self.root, "rehash": self.rehash, "_manifests": {}}
+        return {"root": self.root, "rehash": self.rehash, "_manifests": {}, "_holder": self._holder}
 
     @cached_property
     def known(self) -> KnownHashes:
@@ -176,21 +114,29 @@ class Workspace:
         """Give a folder beside `folder` to write into; on leaving, seal it with the manifest and put it in place.
 
         The body may still fill in `manifest`. If anything fails, nothing is left behind and the old artefact stays.
+
+        Raises
+        ------
+        WorkspaceLocked: this is a worker that a killed command left behind, and another command holds the workspace.
         """
+        self._refuse_orphan()
         folder.parent.mkdir(parents=True, exist_ok=True)
-        draft = folder.parent / f".{folder.name}.draft"
+        # A name of its own, since a worker of a killed command may still be at work on the same artefact.
+        draft = folder.parent / f".{folder.name}.{os.getpid()}.draft"
         retired = folder.parent / f".{folder.name}.old"
-        for leftover in (draft, retired):
+        if retired.exists() and not folder.exists():  # a command was killed between the two renames below
+            retired.rename(folder)
+        for leftover in (*folder.parent.glob(f".{glob.escape(folder.name)}*.draft"), retired):
             shutil.rmtree(leftover, ignore_errors=True)
         draft.mkdir()
         try:
             yield draft
             files = sorted(p for p in draft.rglob("*") if p.is_file())
             manifest.files = {p.relative_to(draft).as_posix(): sha256_of(p) for p in files}
-            text = json.dumps(asdict(manifest), indent=2, sort_keys=True, allow_nan=False) + "\n"
-            (draft / "manifest.json").write_text(text)
+            (draft / "manifest.json").write_text(manifest.sealed())
             for path in (*files, draft / "manifest.json"):
                 _sync(path)
+            self._refuse_orphan()
             if folder.exists():
                 folder.rename(retired)
             try:
@@ -230,15 +176,47 @@ class Workspace:
                     where=str(self.root),
                     todo="Wait for it to end, or use another --workspace.",
                 ) from None
+            file.seek(0)
+            if file.read():  # who held it was killed, else the file would be empty
+                _sweep(self.root)
             file.truncate(0)
-            file.write(f"`maglev-offline {command}` (process {os.getpid()})")
+            self._holder = f"`maglev-offline {command}` (process {os.getpid()})"
+            file.write(self._holder)
             file.flush()
             try:
                 yield
             finally:
+                self._holder = None
                 if "known" in self.__dict__:
                     self.known.save()
                 file.truncate(0)
+
+    def _refuse_orphan(self) -> None:
+        """Stop a worker whose command was killed, once another command holds the workspace."""
+        if self._holder is None:
+            return
+        try:
+            holder = (self.root / ".lock").read_text()
+        except OSError:
+            return
+        if holder != self._holder:
+            raise WorkspaceLocked(f"the workspace has gone over to {holder or 'nobody'}.", where=str(self.root))
+
+
+def _sweep(root: Path) -> None:
+    """Remove what a killed command left half-written; an artefact that it had put aside goes back to its place."""
+    for home, folders, files in os.walk(root):
+        for name in [name for name in (*folders, *files) if name.startswith(".") and name.endswith((".draft", ".old"))]:
+            path = Path(home, name)
+            place = path.with_name(name[1:].removesuffix(".old"))
+            if name.endswith(".old") and not place.exists():
+                path.rename(place)
+            elif path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink(missing_ok=True)
+        whole = "manifest.json" in files
+        folders[:] = [] if whole else [name for name in folders if not name.startswith(".")]
 
 
 def changed_files(folder: Path, manifest: Manifest, known: KnownHashes | None = None) -> list[str]:

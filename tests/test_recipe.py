@@ -137,3 +137,10 @@ def test_a_coil_gives_the_inductance(tmp_path):
     path = tmp_path / "coil.toml"
     path.write_text("[plant]\ncoil_turns = 400\npole_area_m2 = 0.02\n")
     assert load_recipe(path).plant.inductance_slope_h_m == pytest.approx(MU_0 * 400**2 * 0.02 / 2)
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 5000, "a = " + "9" * 5000])
+def test_toml_that_no_one_writes_by_hand_is_refused_in_words(tmp_path, text):
+    (tmp_path / "r.toml").write_text(text)
+    with pytest.raises(RecipeError, match="no valid TOML"):
+        load_recipe(tmp_path / "r.toml")

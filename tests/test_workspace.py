@@ -329,3 +329,41 @@ def test_a_manifest_is_read_again_once_it_was_written_again(workspace):
     (home / "manifest.json").unlink()
     with pytest.raises(ArtefactError, match="no such artefact"):
         workspace.manifest(home)
+
+
+def killed_in(workspace, *left):
+    """The workspace as a command leaves it that is killed: its name in the lock, and what it had not put in place."""
+    workspace.root.mkdir(parents=True, exist_ok=True)
+    (workspace.root / ".lock").write_text("`maglev-offline ingest` (process 1)")
+    for name in left:
+        workspace.path(name).mkdir(parents=True)
+        workspace.path(name, "half.txt").write_text("half")
+
+
+def test_what_a_killed_command_left_half_written_goes_away_with_the_next_one(workspace):
+    home = put(workspace, "abc", "samples", "a")
+    killed_in(workspace, "samples/.a.77.draft", "samples/.a.old", ".b.78.draft", ".keep")
+    (workspace.root / ".recipe.json.draft").write_text("half")
+    with workspace.lock("curate"):
+        assert workspace.is_current(home, "mark")
+    assert {p.name for p in workspace.root.iterdir()} - {module.KNOWN_HASHES} == {".lock", ".keep", "samples"}
+    assert [p.name for p in home.parent.iterdir()] == ["a"]
+
+
+def test_an_artefact_that_a_killed_command_had_put_aside_comes_back(workspace):
+    home = put(workspace, "abc", "samples", "a")
+    home.rename(home.with_name(".a.old"))
+    killed_in(workspace)
+    with workspace.lock("curate"):
+        assert workspace.is_current(home, "mark")
+
+
+def test_a_worker_that_a_killed_command_left_behind_writes_nothing_into_the_work_of_the_next(workspace):
+    with workspace.lock("ingest"):
+        worker = pickle.loads(pickle.dumps(workspace))
+    with (
+        Workspace(workspace.root).lock("curate"),
+        pytest.raises(WorkspaceLocked, match="has gone over to `maglev-offline curate`"),
+    ):
+        put(worker, "late", "a")
+    assert not workspace.path("a").exists()

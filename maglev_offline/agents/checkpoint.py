@@ -66,6 +66,7 @@ class Checkpoint:
         self._rows, self._crc = self._rows + len(new_rows), crc32(data, self._crc)
         arrays = {name: np.asarray(value, order="C") for name, value in state.items()}
         about = {"mark": self.mark, "step": step, "rows": self._rows, "rows_crc": self._crc, "crc": _crc_of(arrays)}
+        about["about_crc"] = _crc_of_about(step, self._rows)
         draft = self.folder / f".{STATE}.draft"
         with draft.open("wb") as file:
             file.write(save(arrays, {name: str(value) for name, value in about.items()}))
@@ -91,7 +92,10 @@ class Checkpoint:
             step, rows, rows_crc, crc = (int(about[name]) for name in ("step", "rows", "rows_crc", "crc"))
         except (KeyError, ValueError):
             raise Unusable("it is damaged") from None
-        if _crc_of(state) != crc:
+        # A checkpoint of an older version has no check sum of these two.
+        if _crc_of(state) != crc or about.get("about_crc", str(_crc_of_about(step, rows))) != str(
+            _crc_of_about(step, rows)
+        ):
             raise Unusable(f"it is damaged: {STATE} is not what was written")
         data = self._read_rows(rows, rows_crc)
         self._rows, self._crc = rows, rows_crc
@@ -112,16 +116,18 @@ class Checkpoint:
         try:
             with safe_open(path, framework="numpy") as file:
                 return file.metadata() or {}, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        except (OSError, SafetensorError) as error:
+        except (OSError, SafetensorError, KeyError, ValueError) as error:
             raise Unusable(f"it is damaged: {STATE} cannot be read ({error})") from None
 
     def _read_rows(self, rows: int, crc: int) -> NDArray[np.float32]:
         try:
             with (self.folder / ROWS).open("rb") as file:
-                data = file.read(rows * self._row_bytes)
+                there = os.fstat(file.fileno()).st_size
+                # The number may be anything: it is no reason to ask for the memory.
+                data = file.read(rows * self._row_bytes) if 0 <= rows * self._row_bytes <= there else b""
         except OSError as error:
             raise Unusable(f"it is damaged: {ROWS} cannot be read ({error})") from None
-        if len(data) < rows * self._row_bytes or crc32(data) != crc:
+        if len(data) != rows * self._row_bytes or crc32(data) != crc:
             raise Unusable(f"it is damaged: {ROWS} is not what was written")
         return np.frombuffer(data, dtype="<f4").reshape(rows, self.seeds, WIDTH)
 
@@ -133,6 +139,10 @@ def _is_at(path: Path, file: Any) -> bool:
 def _flush(file: Any) -> None:
     file.flush()
     os.fsync(file.fileno())
+
+
+def _crc_of_about(step: int, rows: int) -> int:
+    return crc32(f"{step} {rows}".encode())
 
 
 def _crc_of(arrays: Arrays) -> int:

@@ -89,6 +89,9 @@ def train_arms(
     tasks = [task for arm in arms for task in _tasks(workspace, arm, world, engine)]
     folders = {arm: [task.folder for task in tasks if task.arm == arm] for arm in arms}
     missing = [task for task in tasks if not workspace.is_current(task.folder, task.mark)]
+    for task in tasks:
+        if task not in missing:
+            _forget_checkpoint(task)
     if not missing:
         return folders, 0
     workers = min(jobs, len(missing))
@@ -150,6 +153,14 @@ def _checkpoint(task: _Task) -> Checkpoint:
     made_with = sorted({**package_versions(), **provenance(task.engine.engine)}.items())
     mark = sha256(f"{task.mark} {made_with}".encode()).hexdigest()
     return Checkpoint(task.folder.parent / f".{task.folder.name}.partial", mark, len(task.seeds))
+
+
+def _forget_checkpoint(task: _Task) -> None:
+    """Remove the checkpoint of a finished block: a command may be killed after the one and before the other."""
+    checkpoint = _checkpoint(task)
+    if checkpoint.folder.is_dir():
+        with checkpoint.held():
+            checkpoint.remove()
 
 
 def _looked_at(task: _Task, world: World, progress: Progress) -> int:

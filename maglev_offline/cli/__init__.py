@@ -1,6 +1,8 @@
 """The command line: parse, call, print. The work is done by the stages."""
 
+import errno
 import os
+import re
 import sys
 from typing import Any, cast
 
@@ -83,10 +85,31 @@ def _in_words(error: Exception) -> MaglevOfflineError | None:
         command = context.command_path if context else "maglev-offline"
         what = cast(Any, error).format_message().rstrip(".")
         return InputError(f"{what}.", where=command, todo=f"See `{command} --help`.")
-    if isinstance(error, FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError) and error.filename:
+    if _no_room(error):
+        todo = "Make room and give the same command again: what is finished is kept."
+        return MaglevOfflineError("there is no room left to write.", where=_file_of(error), todo=todo)
+    if isinstance(error, FileNotFoundError) and error.filename:
+        what = "it is not there, or was removed while it was needed."
+        return InputError(what, where=str(error.filename), todo="Put it back, or run the stage that makes it again.")
+    if isinstance(error, OSError) and error.errno in _REFUSED and error.filename:
         what = f"it cannot be used ({error.strerror})."
         return InputError(what, where=str(error.filename), todo="Give another path, or make it readable and writable.")
     return None
+
+
+_REFUSED = (errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG)
+
+
+def _no_room(error: Exception) -> bool:
+    """Whether the disk, the quota or the largest file is full; safetensors tells the number in its text only."""
+    full = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    told = re.search(r"\(os error (\d+)\)", str(error)) if type(error).__name__ == "SafetensorError" else None
+    return (isinstance(error, OSError) and error.errno in full) or (told is not None and int(told[1]) in full)
+
+
+def _file_of(error: Exception) -> str:
+    name = getattr(error, "filename", None)
+    return str(name) if name else ""
 
 
 def _tell(error: MaglevOfflineError) -> int:

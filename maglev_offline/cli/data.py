@@ -104,13 +104,11 @@ def inspect(
         session.talk.lines(*views.remarks(one.summary), *views.finding_lines(one.findings), "")
     session.talk.lines(*views.finding_lines(found.across))
     if html is not None:
+        from maglev_offline.filesystems import write_whole
         from maglev_offline.ingest.inspect_page import inspect_page
 
-        html.write_text(
-            inspect_page([one.summary.as_dict() for one in found.logs], found.findings),
-            encoding="utf-8",
-            errors="backslashreplace",
-        )
+        page = inspect_page([one.summary.as_dict() for one in found.logs], found.findings)
+        write_whole(html, page.encode("utf-8", errors="backslashreplace"))
         session.talk.lines(f"The page: {html}")
     session.talk.result(
         {

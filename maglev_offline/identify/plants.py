@@ -34,7 +34,7 @@ def load_plant(path: Path) -> Plant:
         raise RecipeError(
             "there is no such plant file.", where=str(path), todo="Give the path of a TOML file."
         ) from None
-    except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise RecipeError(f"this is no valid TOML: {error}.", where=str(path), todo="Correct the line.") from None
     table = data.get("plant")
     if not isinstance(table, dict):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from maglev_offline.errors import ArtefactError, InputError, LogError
 from maglev_offline.filesystems import Where, name_of
+from maglev_offline.hashes import Stamp, stamp_of
 from maglev_offline.ingest.known_logs import hash_of_log
 from maglev_offline.ingest.merge import merged_sha256
 from maglev_offline.ingest.request import Request
@@ -116,8 +118,12 @@ def ingest_logs(
     ordered = sorted(dict.fromkeys(logs), key=lambda where: (name_of(where), str(where)))
     outcomes: dict[Where, LogOutcome] = {}
     hashes: dict[Where, str] = {}
+    stamps: dict[Where, Stamp] = {}
     for where in ordered:
         try:
+            if isinstance(where, Path):
+                with suppress(OSError):  # the hash will say what is wrong
+                    stamps[where] = stamp_of(where)
             hashes[where] = hash_of_log(where, workspace.known)
         except LogError as error:
             if merge:
@@ -127,7 +133,7 @@ def ingest_logs(
     tasks: list[_Task] = []
     first_of: dict[str, _Task] = {}
     copies: list[tuple[Where, _Task]] = []
-    for task in _tasks(hashes, request, merge=merge):
+    for task in _tasks(hashes, stamps, request, merge=merge):
         if task.sha256 in first_of:
             copies.append((task.where, first_of[task.sha256]))
             continue
@@ -195,12 +201,16 @@ _MOST_LINES = 20
 
 @dataclass(frozen=True)
 class _Task:
-    """One artefact to make; `parts` are its files (one, but for a merged recording)."""
+    """One artefact to make; `parts` are its files (one, but for a merged recording).
+
+    `stamps` are those of the local ones before they were hashed.
+    """
 
     parts: tuple[Where, ...]
     log_id: str
     sha256: str
     mark: str
+    stamps: tuple[tuple[Path, Stamp], ...] = ()
 
     @property
     def where(self) -> Where:
@@ -211,11 +221,14 @@ class _Task:
         return " + ".join(name_of(part) for part in self.parts)
 
 
-def _tasks(hashes: dict[Where, str], request: Request, *, merge: bool) -> Iterator[_Task]:
+def _tasks(
+    hashes: dict[Where, str], stamps: Mapping[Where, Stamp], request: Request, *, merge: bool
+) -> Iterator[_Task]:
     groups = [tuple(hashes)] if merge and hashes else [(where,) for where in hashes]
     for parts in groups:
         sha256 = hashes[parts[0]] if len(parts) == 1 else merged_sha256(hashes[part] for part in parts)
-        yield _Task(parts, log_id_of(parts[0], sha256), sha256, request.fingerprint(KIND, sha256))
+        before = tuple((part, stamps[part]) for part in parts if isinstance(part, Path) and part in stamps)
+        yield _Task(parts, log_id_of(parts[0], sha256), sha256, request.fingerprint(KIND, sha256), before)
 
 
 def _work(
@@ -267,6 +280,7 @@ def _ingest_one(
     try:
         with workspace.commit(folder, manifest) as draft:
             made = ingest_log(task.parts, task.log_id, request, draft, jobs=jobs, progress=progress)
+            _refuse_changed(task)
             manifest.counts, manifest.left_out = made.counts, made.left_out
             known = {"log_id": task.log_id, "file": task.name, "sha256": task.sha256}
             manifest.facts = {**known, **made.facts}
@@ -277,6 +291,22 @@ def _ingest_one(
     for copy in _copies(workspace, task):
         shutil.rmtree(copy)
     return _done(task, folder, manifest, "ingested", _sentence(made, request))
+
+
+def _refuse_changed(task: _Task) -> None:
+    """Raise LogError where a local log is not the file any more that was hashed: its samples would lie under a hash
+    that is not theirs."""
+    for path, before in task.stamps:
+        try:
+            same = stamp_of(path) == before
+        except OSError:
+            same = False
+        if not same:
+            raise LogError(
+                "the log was changed or removed while it was read.",
+                where=str(path),
+                todo="Wait until the recorder is done with it, and run again.",
+            )
 
 
 def _sentence(made: IngestedLog, request: Request) -> str:

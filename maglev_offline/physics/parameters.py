@@ -1,6 +1,6 @@
 """The plant: one electromagnet that carries a mass, with inductance L(x) = L0 + c / (x + a)."""
 
-from math import pi, sqrt
+from math import inf, isfinite, pi, sqrt
 from typing import Any, NamedTuple
 
 from pydantic import Field, model_validator
@@ -50,7 +50,10 @@ class Plant(Settings):
             raise ValueError("coil_turns and pole_area_m2 go together: give both, or inductance_slope_h_m")
         if turns is None or not isinstance(turns, int | float) or not isinstance(area, int | float):
             return data
-        slope = MU_0 * turns**2 * area / 2
+        try:
+            slope = MU_0 * turns**2 * area / 2
+        except OverflowError:
+            raise ValueError("coil_turns and pole_area_m2 give no finite inductance") from None
         given = data.get("inductance_slope_h_m")
         if isinstance(given, int | float) and abs(given - slope) > 1e-9 * slope:
             raise ValueError(
@@ -68,6 +71,9 @@ class Plant(Settings):
             )
         if self.gap_min_m + self.pole_offset_m <= 0:
             raise ValueError("gap_min_m + pole_offset_m must be above 0: the inductance is infinite there")
+        point = self.equilibrium()
+        if not (isfinite(point.voltage_v) and 0 < point.current_a < inf):
+            raise ValueError(f"no current holds the mass: {point.current_a:g} A, {point.voltage_v:g} V")
         return self
 
     @property

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 from maglev_offline.errors import InputError
-from maglev_offline.filesystems import Where
+from maglev_offline.filesystems import Where, write_whole
 from maglev_offline.outcomes import Done, Run
 from maglev_offline.pipeline.data import ingest, prefill
 from maglev_offline.pipeline.learning import transfer
@@ -46,7 +45,7 @@ def card(recipe: Recipe, workspace: Workspace, progress: Progress, out: Path | N
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         for name in (JSON, PAGE):
-            shutil.copyfile(folder / name, out / name)
+            write_whole(out / name, (folder / name).read_bytes())
     return Done(
         "card",
         folder,

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from maglev_offline.errors import InputError
+from maglev_offline.filesystems import write_whole
 from maglev_offline.policies.c_header import as_c_header
 from maglev_offline.policies.onnx_model import as_onnx
 from maglev_offline.policies.policy import Policy
@@ -37,12 +38,7 @@ def export_policy(policy: Policy, form: Format, path: Path) -> None:
     refuse_folder(path)
     content = _FORMS[form](policy)
     path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.name}.draft")
-    try:
-        draft.write_bytes(content)
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+    write_whole(path, content)
 
 
 def refuse_folder(path: Path) -> None:

@@ -148,7 +148,7 @@ def from_metadata(net: Mapping[str, Weights], told: Mapping[str, Any], where: st
         plant, mdp = Plant.model_validate_json(told["plant"]), Mdp.model_validate_json(told["mdp"])
         parts: dict[str, Any] = {name: str(told[name]) for name in Origin._fields}
         origin = Origin(**parts | {"seed": int(told["seed"])})
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
         raise ArtefactError(
             f"what the policy says about itself cannot be read ({type(error).__name__}).", where=where, todo=_AGAIN
         ) from None
@@ -165,13 +165,15 @@ def checked(policy: Policy, where: str) -> Policy:
     ------
     ArtefactError: a layer is missing, does not fit its neighbours, or has weights that are not finite.
     """
+    if any(part.dtype not in (np.float32, np.float64) for part in policy.net.values()):
+        raise ArtefactError("the network's weights are no floats.", where=where, todo=_AGAIN)
     try:
         widths = [3, *(layer.weight.shape[1] for layer in policy.layers)]
         fits = widths[-1] == 1 and all(
             layer.weight.shape == (fan_in, fan_out) and layer.bias.shape == (fan_out,)
             for layer, fan_in, fan_out in zip(policy.layers, widths[:-1], widths[1:], strict=True)
         )
-    except (KeyError, IndexError, ValueError):
+    except (KeyError, IndexError, ValueError, TypeError):
         fits = False
     if not fits:
         raise ArtefactError("the network is not an actor of two hidden layers.", where=where, todo=_AGAIN)

@@ -35,7 +35,7 @@ def load_policy(path: Path) -> Policy:
         with safe_open(path, framework="numpy") as file:
             told = json.loads((file.metadata() or {}).get(KEY, "{}"))
             net = {name: np.asarray(file.get_tensor(name)) for name in file.keys()}  # noqa: SIM118 (it is no dict)
-    except (SafetensorError, ValueError) as error:
+    except (OSError, SafetensorError, KeyError, ValueError, RecursionError) as error:
         raise ArtefactError(
             f"it cannot be read as safetensors ({error}).", where=str(path), todo="Export the policy again."
         ) from None

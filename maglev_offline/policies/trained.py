@@ -56,7 +56,7 @@ def _read(path: Path, manifest: Manifest, origin: Origin) -> Policy:
         net = {name: np.ascontiguousarray(value[place]) for name, value in load_file(path).items()}
         plant = Plant.model_validate(manifest.settings["plant"])
         mdp = Mdp.model_validate(manifest.settings["mdp"])
-    except (SafetensorError, KeyError, IndexError, ValueError) as error:
+    except (OSError, SafetensorError, KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
         raise ArtefactError(
             f"the actors of the training cannot be read ({type(error).__name__}).",
             where=str(path),

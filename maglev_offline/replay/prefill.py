@@ -168,13 +168,41 @@ def load_prefill(folder: Path) -> Columns:
         )
     try:
         columns: Columns = load_file(path)
-    except (OSError, SafetensorError) as error:
+        _check_columns(columns)
+    except (OSError, SafetensorError, KeyError, ValueError) as error:
         raise ArtefactError(
             f"the prefill cannot be read ({error}).",
             where=str(path),
             todo=f"Remove the folder and run `maglev-offline prefill --algo {folder.name}` again.",
         ) from None
     return columns
+
+
+def _check_columns(columns: Columns) -> None:
+    """Raise ValueError where columns are missing, of other shapes or kinds, or hold what no row has."""
+    if missing := [name for name in _SHAPES if name not in columns]:
+        raise ValueError(f"{', '.join(missing)} missing")
+    rows = len(columns["cost"]) if columns["cost"].ndim else -1
+    for name, (width, kind) in _SHAPES.items():
+        found = columns[name]
+        if found.shape != (rows, *width) or found.dtype != kind:
+            raise ValueError(f"{name} is {found.dtype} of shape {found.shape}")
+        if kind == np.float32 and not np.isfinite(found).all():
+            raise ValueError(f"{name} has values that are not finite")
+    if np.abs(columns["action"]).max(initial=0) > 1:
+        raise ValueError("an action lies outside [-1, 1]")
+
+
+_SHAPES: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
+    "observation": ((3,), np.float32),
+    "action": ((), np.float32),
+    "cost": ((), np.float32),
+    "next_observation": ((3,), np.float32),
+    "discount": ((), np.float32),
+    "terminated": ((), np.bool_),
+    "truncated": ((), np.bool_),
+    "transition_row": ((), np.int64),
+}
 
 
 def packed(columns: Columns) -> NDArray[np.float32]:

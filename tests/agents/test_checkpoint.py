@@ -4,6 +4,8 @@ import time
 
 import numpy as np
 import pytest
+from safetensors import safe_open
+from safetensors.numpy import save
 
 from maglev_offline.agents import checkpoint as module
 from maglev_offline.agents.checkpoint import Checkpoint, Unusable
@@ -142,3 +144,13 @@ def test_one_at_a_time_is_at_work_on_it(tmp_path, removed):
         waited = time.monotonic() - began
     other.join()
     assert (waited > 0.3) is not removed
+
+
+@pytest.mark.parametrize(("name", "value"), [("step", 41), ("rows", 4), ("rows", -1), ("rows", 2**62)])
+def test_a_number_that_was_changed_is_damage(saved, name, value):
+    path = saved.folder / module.STATE
+    with safe_open(path, framework="numpy") as file:
+        about = file.metadata() | {name: str(value)}
+    path.write_bytes(save(STATE, about))
+    with pytest.raises(Unusable, match="it is damaged"):
+        again(saved).load(1)

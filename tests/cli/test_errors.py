@@ -1,6 +1,9 @@
+import errno
 import json
+import os
 
 import pytest
+from safetensors import SafetensorError
 
 from maglev_offline import pipeline
 from maglev_offline.workspace import Workspace
@@ -125,3 +128,28 @@ def test_a_workspace_in_use_is_refused_with_exit_code_1(here, call):
         called = call("ingest", "logs", "--json")
     assert called.code == 1
     assert "the workspace is in use by `maglev-offline train`" in json.loads(called.out)["what"]
+
+
+FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "samples.parquet")
+
+
+@pytest.mark.parametrize(
+    ("failure", "code", "said"),
+    [
+        (FULL, 1, "samples.parquet: there is no room left to write. Make room"),
+        (OSError(errno.EFBIG, "Error writing bytes to file"), 1, "there is no room left to write."),
+        (SafetensorError("I/O error: No space left on device (os error 28)"), 1, "there is no room left to write."),
+        (FileNotFoundError(errno.ENOENT, "gone", "a.parquet"), 2, "a.parquet: it is not there, or was removed"),
+        (OSError(errno.EROFS, "Read-only file system", "a"), 2, "a: it cannot be used (Read-only file system)."),
+    ],
+)
+@pytest.mark.usefixtures("here")
+def test_what_the_disk_refuses_is_told_in_plain_words(call, monkeypatch, failure, code, said):
+    def fail(*_):
+        raise failure
+
+    monkeypatch.setattr(pipeline, "curate", fail)
+    called = call("curate")
+    assert called.code == code
+    assert said in called.err
+    assert "failure of maglev-offline itself" not in called.err

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from maglev_offline.errors import ArtefactError
+from maglev_offline.ingest import store
 from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.resample import ORIGINS
 from maglev_offline.ingest.store import ingest_logs, load_samples, log_id_of
@@ -171,3 +172,22 @@ def test_ingest_needs_neither_torch_nor_matplotlib():
         "sys.exit(bool({'torch', 'matplotlib'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("what", ["changed", "removed"])
+def test_a_log_that_changes_while_it_is_read_is_refused(run, logs, workspace, monkeypatch, what):
+    """Else its samples would lie under the hash of what it was."""
+    real = store.Manifest
+
+    def meanwhile(*args, **named):
+        if what == "changed":
+            logs[0].write_bytes(logs[1].read_bytes())
+        else:
+            logs[0].unlink()
+        return real(*args, **named)
+
+    monkeypatch.setattr(store, "Manifest", meanwhile)
+    (log,) = run(logs[:1]).logs
+    assert log.status == "refused"
+    assert logs[0].name in log.message
+    assert workspace.list("samples") == []

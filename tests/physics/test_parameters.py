@@ -40,3 +40,11 @@ def test_levitator_carries_its_mass(levitator: Plant) -> None:
 def test_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValidationError):
         Plant(**wrong)
+
+
+@pytest.mark.parametrize(
+    "values", [{"mass_kg": 1e308}, {"resistance_ohm": 1e308}, {"coil_turns": 1e200, "pole_area_m2": 1}]
+)
+def test_a_plant_that_no_current_can_hold_is_none(values):
+    with pytest.raises(ValidationError, match=r"no current holds the mass|no finite inductance"):
+        Plant.model_validate(values)

@@ -76,6 +76,7 @@ def test_an_artefact_that_was_changed_is_refused(workspace, trained):
 def test_an_artefact_whose_content_cannot_be_is_refused(workspace, trained):
     folder = trained()
     manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["seal"] = ""
     manifest["settings"]["mdp"]["control_period_ms"] = -1
     (folder / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(ArtefactError, match="cannot be read"):

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from maglev_offline.errors import ArtefactError, InputError
 from maglev_offline.mdp import Mdp
@@ -176,3 +177,20 @@ def test_a_missing_or_damaged_prefill_is_told_of(transitions, put_transitions, t
     (folder / "prefill.safetensors").write_bytes(b"\x08")
     with pytest.raises(ArtefactError, match="cannot be read"):
         load_prefill(folder)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"cost": None}, {"cost": np.zeros(3, np.float32)}, {"action": np.full(2, np.nan, np.float32)},
+     {"action": np.full(2, 1.5, np.float32)}, {"cost": np.zeros(2)}, {"cost": np.float32(1)}],
+)  # fmt: skip
+def test_a_prefill_of_others_holds_rows_or_is_refused(tmp_path, changes):
+    three, one = np.zeros((2, 3), np.float32), np.zeros(2, np.float32)
+    columns = {"observation": three, "next_observation": three, "action": one, "cost": one, "discount": one,
+               "terminated": one > 0, "truncated": one > 0, "transition_row": np.arange(2)}  # fmt: skip
+    save_file(columns, tmp_path / "prefill.safetensors")
+    assert len(load_prefill(tmp_path)["cost"]) == 2
+    columns = {name: value for name, value in (columns | changes).items() if value is not None}
+    save_file({name: np.asarray(value) for name, value in columns.items()}, tmp_path / "prefill.safetensors")
+    with pytest.raises(ArtefactError, match="the prefill cannot be read"):
+        load_prefill(tmp_path)

@@ -204,7 +204,7 @@ def edit(folder, **tables):
     data = json.loads((folder / "manifest.json").read_text())
     for name, change in tables.items():
         data[name] = {**data[name], **change}
-    (folder / "manifest.json").write_text(json.dumps(data))
+    (folder / "manifest.json").write_text(json.dumps(data | {"seal": ""}))
 
 
 def test_doubts_are_told_in_the_head(workspace, recipe, read_page):

@@ -134,19 +134,29 @@ def read(path: Path | str) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     todo = "Run `maglev-offline prefill --format sb3` and give the folder that it prints."
     try:
         with safe_open(file, framework="numpy") as opened:
-            facts = json.loads((opened.metadata() or {})["sb3"])
+            facts = _facts(json.loads((opened.metadata() or {})["sb3"]))
             columns = {name: opened.get_tensor(name) for name in _WIDTHS}
-    except (OSError, SafetensorError, KeyError, ValueError) as error:
+    except (OSError, SafetensorError, KeyError, ValueError, TypeError, RecursionError) as error:
         raise ArtefactError(
             f"this is no prefill for Stable-Baselines3 ({error}).", where=str(file), todo=todo
         ) from None
-    count = len(columns["rewards"])
+    count = len(columns["rewards"]) if columns["rewards"].ndim else -1
     for name, width in _WIDTHS.items():
+        kind = np.bool_ if name == "terminations" else np.float32
+        if columns[name].dtype != kind:
+            raise ArtefactError(f"{name} is of the kind {columns[name].dtype}.", where=str(file), todo=todo)
         if columns[name].shape != ((count,) if width is None else (count, width)):
             raise ArtefactError(f"{name} has the shape {columns[name].shape}.", where=str(file), todo=todo)
     refuse_not_finite(columns, str(file))
     refuse_wide_actions(columns["actions"], str(file))
     return columns, facts
+
+
+def _facts(told: Any) -> dict[str, Any]:
+    """What the file says of its rows; ValueError, TypeError or KeyError where it is not what `write` says."""
+    numbers = ("gamma", "gap_scale_m", "velocity_scale_m_s", "current_scale_a", "voltage_limit_v", "control_period_ms")
+    facts: dict[str, Any] = told | {name: float(told[name]) for name in numbers}
+    return facts
 
 
 def _refuse_buffer(buffer: Buffer, where: str) -> None:
