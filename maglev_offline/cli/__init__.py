@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import typer
 
-from maglev_offline.cli import data, learning, policies, road
+from maglev_offline.cli import data, doctor, learning, policies, road
 from maglev_offline.errors import InputError, MaglevOfflineError
 
 BAD_INPUT, STOPPED = InputError.exit_code, 130
@@ -42,7 +42,7 @@ def _root(
     pass
 
 
-for module in (data, learning, policies, road):
+for module in (data, learning, policies, road, doctor):
     module.add_commands(app)
 
 
@@ -53,7 +53,7 @@ _ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 def run() -> int:
     """Run the command line; return its exit code: 0 done, 2 bad input, 1 a failure of ours."""
     try:
-        code = app(standalone_mode=False)
+        code = app(prog_name="maglev-offline", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = STOPPED
     except Exception as error:
@@ -83,6 +83,9 @@ def _in_words(error: Exception) -> MaglevOfflineError | None:
         command = context.command_path if context else "maglev-offline"
         what = cast(Any, error).format_message().rstrip(".")
         return InputError(f"{what}.", where=command, todo=f"See `{command} --help`.")
+    if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("maglev_offline"):
+        what = f"the package {error.name} is not here, or not whole."
+        return InputError(what, todo="`maglev-offline doctor` says what is missing, and how to get it.")
     if isinstance(error, FileExistsError | NotADirectoryError | IsADirectoryError | PermissionError) and error.filename:
         what = f"it cannot be used ({error.strerror})."
         return InputError(what, where=str(error.filename), todo="Give another path, or make it readable and writable.")
