@@ -5,7 +5,9 @@ FOREIGN ?= .venv-exports
 BIN := $(VENV)/bin
 DEMO := reports/quickstart
 
-.PHONY: setup demo test check study exports clean
+STUDIES := changsha study cure
+
+.PHONY: setup demo test check study publish exports clean
 
 setup: $(VENV)/.installed
 
@@ -30,11 +32,21 @@ check: setup  ## what CI checks before the tests
 
 study: setup  ## the slow learning studies; hours, and what is stopped goes on where it was
 	$(BIN)/python -m pytest -m study
-	for study in changsha study; do \
+	for study in $(STUDIES); do \
 	  $(BIN)/maglev-offline ingest --recipe pipelines/$$study.toml --workspace reports/$$study-work data_raw/*.mcap && \
-	  $(BIN)/maglev-offline transfer --recipe pipelines/$$study.toml --workspace reports/$$study-work && \
-	  $(BIN)/maglev-offline report --recipe pipelines/$$study.toml --workspace reports/$$study-work || exit 1; \
+	  for step in control transfer report; do \
+	    $(BIN)/maglev-offline $$step --recipe pipelines/$$study.toml --workspace reports/$$study-work || exit 1; \
+	  done || exit 1; \
 	done
+	$(MAKE) publish
+
+publish:  ## report, curves and verdicts of finished studies, from reports/NAME-work to where git keeps them
+	for study in $(STUDIES); do for work in reports/$$study-work reports/$$study-work/periods/*; do \
+	  if [ -d $$work/transfer ]; then \
+	    home=reports/$$study$${work#reports/$$study-work}; mkdir -p $$home; \
+	    cp $$work/transfer/manifest.json $$work/transfer/*.parquet $$home; \
+	    if [ -f $$work/report/report.html ]; then cp $$work/report/report.html $$home; fi; \
+	  fi; done; done
 
 exports: $(FOREIGN)/.installed  ## exported prefills in the libraries that they are for: d3rlpy, Minari, TorchRL, SB3
 	$(FOREIGN)/bin/python -m pytest tests/replay/exports

@@ -1,7 +1,7 @@
 """All artefacts of a workspace as the report reads them; what is not there is None, never made up."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +38,10 @@ class Artefact:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The artefacts by name, in order."""
+    """The artefacts by name, in order; `periods`: those of the workspaces within, by the names of their folders."""
 
     artefacts: Mapping[str, Artefact]
+    periods: Mapping[str, "Evidence"] = field(default_factory=dict)
 
     def get(self, name: str) -> Artefact | None:
         """The artefact of that name, if it was made."""
@@ -52,8 +53,19 @@ class Evidence:
 
     @property
     def hashes(self) -> dict[str, str]:
-        """The hash of every artefact, by name."""
-        return {name: a.hash for name, a in self.artefacts.items()}
+        """The hash of every artefact, by name; those of the workspaces within below `periods/`."""
+        own = {name: a.hash for name, a in self.artefacts.items()}
+        inner = {
+            f"{WITHIN}/{period}/{name}": hash_
+            for period, evidence in self.periods.items()
+            for name, hash_ in evidence.hashes.items()
+        }
+        return own | inner
+
+    @property
+    def anchors(self) -> dict[str, str]:
+        """Where on the page the row of each artefact is, by its name, which may hold what no anchor can."""
+        return {name: f"artefact-{place}" for place, name in enumerate(self.artefacts, start=1)}
 
     @property
     def blocks(self) -> list[Artefact]:
@@ -127,7 +139,8 @@ class Evidence:
             both = (artefact.manifest.settings, recipe)
             made, wanted = (_without_training(without_none(tables), _MEANS) for tables in both)
             if name.startswith("training/"):
-                made, wanted = _without_seeds(made), _without_seeds(wanted)
+                arm = artefact.folder.parent.name.partition("-")[2]
+                made, wanted = _without_seeds(made), _without_seeds(_of_arm(wanted, arm))
             other = [f"[{table}]" for table, value in made.items() if table in wanted and value != wanted[table]]
             if other:
                 found.append(f"{name} ({', '.join(other)})")
@@ -145,6 +158,12 @@ class Evidence:
 def _training_of(block: Artefact) -> Any:
     """What a block was trained with, but for which seeds it holds."""
     return _without_seeds(block.manifest.settings)
+
+
+def _of_arm(recipe: Mapping[str, Any], arm: str) -> dict[str, Any]:
+    """The recipe with what it says differs in training in that arm."""
+    own = recipe.get("transfer", {}).get("arm", {}).get(arm, {}).get("training", {})
+    return {**recipe, "training": {**recipe.get("training", {}), **own}} if own else dict(recipe)
 
 
 def _without_seeds(tables: Mapping[str, Any]) -> dict[str, Any]:
@@ -169,25 +188,32 @@ def without_none(value: Any) -> Any:
     return [without_none(part) for part in value] if isinstance(value, list) else value
 
 
-WORKSPACES_WITHIN = ("periods",)
-"""Folders of workspaces of their own, whose artefacts are not this one's."""
+WITHIN = "periods"
+"""Folder of workspaces of their own (see transfer/periods.py), whose artefacts are not this one's."""
 
 
 def gather(workspace: Workspace) -> Evidence:
-    """Read the manifests of all artefacts in the workspace.
+    """Read the manifests of all artefacts in the workspace, and in those that it holds for other control periods.
 
     Raises
     ------
     ArtefactError: a manifest is damaged.
     """
+    homes = sorted(path for path in workspace.path(WITHIN).glob("*") if path.is_dir())
+    # Numbers of milliseconds in order of size, from the longest.
+    homes.sort(key=lambda path: -float(path.name.removesuffix("ms")))
+    return Evidence(_artefacts(workspace.root), {path.name: Evidence(_artefacts(path)) for path in homes})
+
+
+def _artefacts(root: Path) -> dict[str, Artefact]:
     found = {}
-    for path in sorted(workspace.root.rglob("manifest.json")):
-        parts = path.parent.relative_to(workspace.root).parts
-        if not parts or parts[0] in (*PAGES, *WORKSPACES_WITHIN) or any(part.startswith(".") for part in parts):
+    for path in sorted(root.rglob("manifest.json")):
+        parts = path.parent.relative_to(root).parts
+        if not parts or parts[0] in (*PAGES, WITHIN) or any(part.startswith(".") for part in parts):
             continue
         name = "/".join(parts)
         found[name] = Artefact(name, path.parent, Manifest.read(path.parent), input_hash(path.parent))
-    return Evidence(dict(sorted(found.items())))
+    return dict(sorted(found.items()))
 
 
 def samples_of(log: Artefact) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -26,12 +26,17 @@ MOST_VECTOR_POINTS = 8_000
 
 
 def regulation_figure(
-    classical: pd.DataFrame | None, agents: pd.DataFrame | None, set_point_m: float, duration_s: float
+    classical: pd.DataFrame | None,
+    agents: pd.DataFrame | None,
+    set_point_m: float,
+    duration_s: float,
+    study_arms: Sequence[str] = (),
 ) -> Figure:
     """Gap, voltage and current over the first `duration_s`: classical controllers, then each algorithm's arms.
 
     `classical`: responses with `controller`; `agents`: responses with `algorithm`, `arm`, `seed`. Each seed is a thin
-    line, the median over the seeds at each instant a bold one.
+    line, the median over the seeds at each instant a bold one. `study_arms`: all arms, where `agents` holds some of
+    them, so that each keeps its colour.
     """
     algorithms = [] if agents is None else list(dict.fromkeys(agents["algorithm"]))
     columns = ([] if classical is None else ["classical"]) + algorithms
@@ -47,7 +52,7 @@ def regulation_figure(
                 if name == "classical" and classical is not None:
                     _draw_classical(ax, classical, signal, scale)
                 elif agents is not None:
-                    _draw_agents(ax, agents[agents["algorithm"] == name], signal, scale)
+                    _draw_agents(ax, agents[agents["algorithm"] == name], signal, scale, study_arms)
                 if signal == "gap_m":
                     ax.axhline(1e3 * set_point_m, color=SOFT, linewidth=0.7, linestyle=":", zorder=1)
                 if column == 0:
@@ -62,7 +67,7 @@ def regulation_figure(
             figure.align_ylabels(axes[:, 0])
         names = [] if classical is None else list(dict.fromkeys(classical["controller"]))
         arms = [] if agents is None else list(dict.fromkeys(agents["arm"]))
-        strokes = [controller_stroke(name) for name in names] + [arm_stroke(arm, arms) for arm in arms]
+        strokes = [controller_stroke(name) for name in names] + [arm_stroke(arm, study_arms or arms) for arm in arms]
         legend_above(figure, strokes, set_point=True)
     return figure
 
@@ -100,10 +105,10 @@ def _draw_classical(ax: Axes, responses: pd.DataFrame, signal: str, scale: float
         )  # fmt: skip
 
 
-def _draw_agents(ax: Axes, responses: pd.DataFrame, signal: str, scale: float) -> None:
+def _draw_agents(ax: Axes, responses: pd.DataFrame, signal: str, scale: float, study_arms: Sequence[str]) -> None:
     arms = list(dict.fromkeys(responses["arm"]))
     for arm in arms:
-        stroke = arm_stroke(arm, arms)
+        stroke = arm_stroke(arm, study_arms or arms)
         table = responses[responses["arm"] == arm].pivot(index="t_s", columns="seed", values=signal) * scale
         t, values = table.index.to_numpy(), table.to_numpy()
         thin = max(0.18, min(0.6, 3 / values.shape[1]))

@@ -1,6 +1,6 @@
 """Figures of learning: the cost over training, and what prefill changed in it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,16 +37,24 @@ REFERENCES = ("pid", "lqr_held", "lqi")
 
 
 def curves_figure(
-    curves: pd.DataFrame, reference: Mapping[str, float], threshold: float | None, exploratory_steps: int | None
+    curves: pd.DataFrame,
+    reference: Mapping[str, float],
+    threshold: float | None,
+    exploratory_steps: int | None,
+    drawn: Sequence[str] = (),
 ) -> Figure:
-    """Evaluation cost over environment steps, a panel for each algorithm: seeds thin, median bold, quartiles shaded."""
+    """Evaluation cost over environment steps, a panel for each algorithm: seeds thin, median bold, quartiles shaded.
+
+    `drawn`: the arms to draw, where they are not all; each has the colour that it has among all of them.
+    """
     algorithms = list(dict.fromkeys(curves["algorithm"]))
     arms = list(dict.fromkeys(curves["arm"]))
+    drawn = list(drawn) or arms
     with figure_style():
         figure = Figure(figsize=(FULL_WIDTH, 4.0), layout="constrained")
         axes = figure.subplots(1, len(algorithms), sharex=True, sharey=True, squeeze=False)[0]
         for ax, algorithm in zip(axes, algorithms, strict=True):
-            for arm in arms:
+            for arm in drawn:
                 part = curves[(curves["algorithm"] == algorithm) & (curves["arm"] == arm)]
                 if len(part):
                     _draw_arm(ax, part, arm, arms)
@@ -60,7 +68,7 @@ def curves_figure(
             ax.set_title(algorithm_label(algorithm))
             ax.set_xlabel("environment steps")
         _axis(axes[0], curves)
-        strokes = [arm_stroke(arm, arms) for arm in arms]
+        strokes = [arm_stroke(arm, arms) for arm in drawn]
         strokes += [controller_stroke(name) for name in REFERENCES if name in reference]
         if threshold is not None:
             strokes.append(Stroke("threshold", INK, ":"))
@@ -89,13 +97,12 @@ def _draw_arm(ax: Axes, part: pd.DataFrame, arm: str, arms: list[str]) -> None:
     ax.plot(steps, middle, color=stroke.colour, linestyle=stroke.dash, linewidth=1.9, zorder=3)
 
 
-def forest_figure(verdict: Mapping[str, Any]) -> Figure:
+def forest_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Paired differences with their intervals, as a share of the empty arm's mean, so that all metrics share one axis.
 
     A point to the right of zero means that prefill helps. The grey box of a row is the margin within which its
     difference does not matter.
     """
-    rows = forest_rows(verdict)
     with figure_style():
         figure = Figure(figsize=(FULL_WIDTH, 0.9 + 0.34 * len(rows)), layout="constrained")
         ax = figure.subplots()
@@ -150,19 +157,19 @@ def _symmetric(ax: Axes, margin: float) -> str:
     return f" (logarithmic beyond ±{2 * margin:g})" if compressed else ""
 
 
-def forest_rows(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """One row for each algorithm, arm and metric of the verdict, in per cent of the baseline's mean."""
+def forest_rows(verdict: Mapping[str, Any], arms: Sequence[str]) -> list[dict[str, Any]]:
+    """One row for each algorithm, arm (of `arms`) and metric of the verdict, in per cent of the baseline's mean."""
     rows = []
     for algorithm, found in verdict["algorithms"].items():
-        for arm, effects in found["effects"].items():
-            for metric, effect in sorted_metrics(effects):
+        for arm in (arm for arm in arms if arm in found["effects"]):
+            for metric, effect in sorted_metrics(found["effects"][arm]):
                 base = abs(effect["baseline_mean"])
                 if not base:  # a share of nothing is no number
                     continue
                 share = {
                     k: None if effect[k] is None else 100 * effect[k] / base for k in ("difference", "low", "high")
                 }
-                several = len(found["effects"]) > 1
+                several = len(arms) > 1
                 name = f"{algorithm_label(algorithm)}{f' ({arm})' if several else ''}"
                 rows.append(
                     {

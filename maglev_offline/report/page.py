@@ -1,18 +1,18 @@
 """What a page is made of: sections of paragraphs, notes, tables, figures and text as it is. No data, no markup."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
 class Paragraph:
-    """A paragraph of prose; a `note` is set apart, a `warning` more so, a `lead` stands at the head of the page."""
+    """A paragraph of prose; a `note` is set apart, a `warning` more so; `lead` and `abstract` head the page."""
 
     text: str
-    kind: Literal["prose", "lead", "note", "warning"] = "prose"
+    kind: Literal["prose", "lead", "abstract", "note", "warning"] = "prose"
     command: str = ""
 
 
@@ -27,7 +27,8 @@ class Points:
 class Table:
     """A table: the first `labels` columns are words, the others numbers, which are set to the right.
 
-    Every cell is text already; the first of a row names the row.
+    Every cell is text already; the first of a row names the row. `sources`: names of the artefacts that the numbers are
+    from, to which the caption links; `anchors`: an id for each row, to be linked to; `folded`: shown when asked for.
     """
 
     caption: str
@@ -36,6 +37,9 @@ class Table:
     labels: int = 1
     marks: Sequence[str] = ()
     """A class for each row, such as a verdict; may be left out."""
+    sources: Sequence[str] = ()
+    anchors: Sequence[str] = ()
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,18 @@ class Plot:
     figure: Figure
     caption: str
     label: str
+    sources: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Live:
+    """A figure that a script of the page draws from `data`; `still` stands for it in print and without a script."""
+
+    key: str
+    data: Mapping[str, Any]
+    caption: str
+    label: str
+    still: Plot
 
 
 @dataclass(frozen=True)
@@ -56,7 +72,7 @@ class Verbatim:
     text: str
 
 
-Block = Paragraph | Points | Table | Plot | Verbatim
+Block = Paragraph | Points | Table | Plot | Live | Verbatim
 
 
 @dataclass

@@ -1,7 +1,6 @@
-"""The sections on control and learning: regulation, return curves, verdict."""
+"""The sections on control and learning: regulation and return curves."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,9 +9,11 @@ from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.report import figures_control, figures_learning, words
 from maglev_offline.report.agent_metrics import agent_metrics
+from maglev_offline.report.curves_data import curves_data
 from maglev_offline.report.evidence import Artefact, Evidence
-from maglev_offline.report.numbers import interval, listing, number, percent, plain, spread, whole
-from maglev_offline.report.page import Block, Plot, Points, Section, Table, not_yet
+from maglev_offline.report.numbers import listing, number, percent, plain, spread, whole
+from maglev_offline.report.page import Block, Live, Plot, Section, Table, not_yet
+from maglev_offline.report.study.arms import arms_of, drawn_arms
 from maglev_offline.report.style import algorithm_label, arm_stroke, controller_stroke
 
 CONTROL, TRANSFER = "control", "transfer"
@@ -41,8 +42,14 @@ def regulation_section(evidence: Evidence, *, trains: bool = True) -> Section:
     if control is None and not blocks:
         return section
     classical, agents = evidence.control_responses(), evidence.regulation()
-    section.blocks += _regulation_plots(evidence, classical, agents)
-    section.blocks.append(_regulation_table(evidence, agents))
+    study = evidence.get("transfer")
+    arms = [] if agents is None else list(dict.fromkeys(agents["arm"]))
+    drawn = arms
+    if study is not None and agents is not None:
+        arms, drawn = arms_of(study.facts), drawn_arms(study.facts)
+        agents = agents[agents["arm"].isin(arms)]
+    section.blocks += _regulation_plots(evidence, classical, agents, arms, drawn)
+    section.blocks.append(_regulation_table(evidence, agents, arms))
     return section
 
 
@@ -63,7 +70,13 @@ def _start_m(control: Artefact | None, blocks: Sequence[Artefact]) -> float | No
     return float(blocks[0].manifest.settings["evaluation"]["reference_start_gap_m"]) if blocks else None
 
 
-def _regulation_plots(evidence: Evidence, classical: pd.DataFrame | None, agents: pd.DataFrame | None) -> list[Block]:
+def _regulation_plots(
+    evidence: Evidence,
+    classical: pd.DataFrame | None,
+    agents: pd.DataFrame | None,
+    arms: Sequence[str],
+    drawn: Sequence[str],
+) -> list[Block]:
     process, control = evidence.process(), evidence.get("control")
     if control is not None:
         set_point = float(control.facts["equilibrium"]["gap_m"])
@@ -71,7 +84,8 @@ def _regulation_plots(evidence: Evidence, classical: pd.DataFrame | None, agents
         set_point = process[0].set_point_m if process else float("nan")
     duration = process[1].episode_duration_s if process else 0.5
     short = None if classical is None else classical[classical["t_s"] <= duration]
-    figure = figures_control.regulation_figure(short, agents, set_point, duration)
+    shown = None if agents is None else agents[agents["arm"].isin(drawn)]
+    figure = figures_control.regulation_figure(short, shown, set_point, duration, arms)
     seeds = 0 if agents is None else agents["seed"].nunique()
     parts = []
     if classical is not None:
@@ -79,7 +93,7 @@ def _regulation_plots(evidence: Evidence, classical: pd.DataFrame | None, agents
     if agents is not None:
         parts.append(
             f"the last policies of the agents (training/…/regulation.parquet): {words.seeds_words(seeds)} in each arm, "
-            "each a thin line, with their median at each instant in bold"
+            "each a thin line, with their median at each instant in bold" + _left_out(arms, drawn)
         )
     caption = f"Gap, voltage and current over the first {plain(duration)} s: {'; '.join(parts)}.{_periods(process)}"
     label = f"Responses of {listing([p.split(' (')[0] for p in parts])} over {plain(duration)} seconds."
@@ -92,7 +106,15 @@ def _regulation_plots(evidence: Evidence, classical: pd.DataFrame | None, agents
     return plots
 
 
-def _regulation_table(evidence: Evidence, agents: pd.DataFrame | None) -> Table:
+def _left_out(arms: Sequence[str], drawn: Sequence[str]) -> str:
+    """Say which of the arms are drawn, where they are not all."""
+    if len(drawn) == len(arms):
+        return ""
+    names = listing([arm_stroke(arm, arms).label for arm in drawn])
+    return f" (of {len(arms)} arms, {names}: the last is the one whose mean difference is best)"
+
+
+def _regulation_table(evidence: Evidence, agents: pd.DataFrame | None, arms: Sequence[str]) -> Table:
     rows, process, classical = [], evidence.process(), evidence.control_metrics()
     if classical is not None:
         for _, row in classical.iterrows():
@@ -101,8 +123,9 @@ def _regulation_table(evidence: Evidence, agents: pd.DataFrame | None) -> Table:
             rows.append([controller_stroke(str(row["controller"])).label, "", *cells])
     if agents is not None and process is not None:
         table = agent_metrics(agents, *process)
-        arms = list(dict.fromkeys(table["arm"]))
-        for (algorithm, arm), group in table.groupby(["algorithm", "arm"], sort=False):
+        groups = dict(iter(table.groupby(["algorithm", "arm"], sort=False)))
+        for algorithm, arm in sorted(groups, key=lambda pair: (pair[0], arms.index(pair[1]))):
+            group = groups[algorithm, arm]
             cells = [spread(group[name].to_numpy(), scale) for name, _, scale in _COLUMNS]
             settled = int(group["settling_time_s"].notna().sum())
             cells[1] = "never" if not settled else cells[1]
@@ -128,162 +151,69 @@ def _regulation_table(evidence: Evidence, agents: pd.DataFrame | None) -> Table:
 
 
 def curves_section(evidence: Evidence, *, trains: bool = True) -> Section:
-    """Cost over training."""
+    """Cost over training: for a study, curves that a reader can question; else as they are so far."""
     section = Section("curves", "Return curves")
     curves, study, blocks = evidence.curves(), evidence.get("transfer"), evidence.blocks
     if curves is None:
         section.blocks.append(not_yet("There are no learning curves yet.", TRANSFER, wanted=trains))
         return section
-    reference: Mapping[str, float] = study.facts["reference_cost"] if study else {}
+    arms = list(dict.fromkeys(curves["arm"])) if study is None else arms_of(study.facts)
+    drawn = arms if study is None else drawn_arms(study.facts)
+    curves = curves[curves["arm"].isin(arms)]
+    reference = {n: study.facts["reference_cost"][n] for n in figures_learning.REFERENCES} if study else {}
     threshold = float(study.facts["threshold_cost"]) if study else None
     exploratory = int(blocks[0].manifest.settings["training"]["exploratory_steps"]) if blocks else None
-    figure = figures_learning.curves_figure(curves, reference, threshold, exploratory)
-    seeds, runs = curves["seed"].nunique(), len(curves.groupby(["algorithm", "arm", "seed"]))
-    source = "transfer (curves.parquet)" if study else "training (curves.parquet)"
+    still = Plot(
+        "curves",
+        figures_learning.curves_figure(curves, reference, threshold, exploratory, drawn),
+        "Thin: one run; bold: the median; band: the interquartile range"
+        f"{_left_out(arms, drawn)}. {_curves_caption(evidence, curves, reference, threshold, exploratory)}",
+        f"Learning curves of {_runs(curves)} runs, a panel for each algorithm, a colour for each arm.",
+        (TRANSFER,) if study else (),
+    )
+    if study is None:
+        section.blocks.append(still)
+        return section
+    confidence = float(study.manifest.settings["transfer"]["confidence"])
+    data = curves_data(
+        curves, blocks, shown=drawn, reference=reference, threshold=threshold, exploratory_steps=exploratory,
+        confidence=confidence,
+    )  # fmt: skip
+    caption = (
+        f"Interquartile mean over the runs of an arm (of the middle half of them, so that a run that fails does not "
+        f"move it far), with its {percent(confidence)} bootstrap interval at each evaluation. "
+        "Point at a curve or use the arrow keys to read it; drag across, or press plus, to zoom; “every run” shows "
+        "each run, and names the one nearest to the pointer and the artefact that holds it. "
+        f"{_curves_caption(evidence, curves, reference, threshold, exploratory)}"
+    )
+    section.blocks.append(Live("curves", data, caption, "Learning curves, to be read, zoomed and chosen from", still))
+    return section
+
+
+def _curves_caption(
+    evidence: Evidence,
+    curves: pd.DataFrame,
+    reference: Mapping[str, float],
+    threshold: float | None,
+    exploratory: int | None,
+) -> str:
+    """What both forms of the figure show."""
+    source = "transfer (curves.parquet)" if evidence.get("transfer") else "training (curves.parquet)"
     lines = ""
     if reference:
-        values = [
-            f"{controller_stroke(name).label} {number(reference[name])}"
-            for name in figures_learning.REFERENCES
-            if name in reference
-        ]
+        values = [f"{controller_stroke(name).label} {number(cost)}" for name, cost in reference.items()]
         lines = f" Horizontal lines, over the same starts: {listing(values)}; threshold {number(threshold)}."
         lines += _periods(evidence.process())
     shade = f" Shaded on the left: the {whole(exploratory)} exploratory steps." if exploratory else ""
-    caption = (
-        f"Cost (minus the return) of evaluation episodes without exploration noise, mean over the fixed starts, on a "
-        f"logarithmic axis: {whole(runs)} runs, {words.seeds_words(seeds)} in each arm. Thin: one run; bold: the "
-        f"median; band: the interquartile range.{lines}{shade} Lower is better. From {source}."
+    return (
+        f"Cost (minus the return) of evaluation episodes without exploration noise, mean over the fixed starts: "
+        f"{whole(_runs(curves))} runs, {words.seeds_words(curves['seed'].nunique())} in each arm.{lines}{shade} "
+        f"Lower is better. From {source}."
     )
-    label = f"Learning curves of {runs} runs, a panel for each algorithm, a colour for each arm."
-    section.blocks.append(Plot("curves", figure, caption, label))
-    return section
 
 
-def verdict_section(evidence: Evidence, *, trains: bool = True) -> Section:
-    """What prefill changed."""
-    section = Section("verdict", "Verdict: does the prefill help or harm?")
-    study = evidence.get("transfer")
-    if study is None:
-        section.blocks.append(not_yet("The arms have not been compared yet.", TRANSFER, wanted=trains))
-        return section
-    facts, settings = study.facts, study.manifest.settings["transfer"]
-    rows = figures_learning.forest_rows(facts)
-    if rows:
-        caption = (
-            f"Difference between the arms, paired by seed (empty minus prefilled), with its "
-            f"{percent(settings['confidence'])} bootstrap interval, in per cent of the mean with an empty buffer; on "
-            f"the right in the metric’s own unit. "
-            f"Grey: the margin within which a difference does not matter, {percent(settings['equivalence_share'])} of "
-            f"the held LQR’s cost, or of the length of a run. Filled: the interval decides; hollow: it does not, or "
-            f"the arms are equivalent. From transfer."
-        )
-        label = f"Forest plot of {len(rows)} differences: " + "; ".join(
-            f"{row['label'].replace('  ', ' ')} {row['verdict']}" for row in rows
-        )
-        section.blocks.append(Plot("forest", figures_learning.forest_figure(facts), caption, label))
-    for algorithm, found in facts["algorithms"].items():
-        section.blocks += [_effects_table(algorithm, arm, found) for arm in found["effects"]]
-    section.blocks += [_arms_table(facts), Points(_notes(study))]
-    return section
-
-
-def _effects_table(algorithm: str, arm: str, found: Mapping[str, Any]) -> Table:
-    rows, marks = [], []
-    for metric, effect in figures_learning.sorted_metrics(found["effects"][arm]):
-        rows.append(
-            [
-                figures_learning.METRIC_LABELS.get(metric, metric),
-                number(effect["baseline_mean"]),
-                number(effect["arm_mean"]),
-                number(effect["difference"]),
-                interval(effect["low"], effect["high"]),
-                percent(effect["probability_better"]),
-                number(effect["detectable"]),
-                number(effect["margin"]),
-                words.VERDICT_WORDS[effect["verdict"]],
-            ]
-        )
-        marks.append(effect["verdict"])
-    seeds = next(iter(found["effects"][arm].values()))["seeds"]
-    head = ["metric", "empty: mean", f"{arm}: mean", "difference", "interval", "seeds better"]
-    head += ["detectable", "margin", "verdict"]
-    caption = (
-        f"{algorithm_label(algorithm)}, {words.seeds_words(seeds)} in each arm. Jumpstart, asymptote and area are "
-        "costs, the time to the threshold is in steps; of all, less is better. Seeds better: their share, "
-        "ties counted half. Detectable: the smallest difference that so "
-        "many seeds show with a power of 80 %. From the manifest of transfer."
-    )
-    return Table(caption, head, rows, marks=marks)
-
-
-def _arms_table(facts: Mapping[str, Any]) -> Table:
-    rows = []
-    for algorithm, found in facts["algorithms"].items():
-        for name, arm in found["arms"].items():
-            n = arm["seeds"]
-            rows.append(
-                [
-                    f"{algorithm_label(algorithm)}, {arm_stroke(name, found['arms']).label}",
-                    *(
-                        f"{round(arm[key] * n)} of {n}"
-                        for key in ("share_reached", "share_within_half_mm", "share_settled")
-                    ),
-                    number(
-                        None if arm["median_final_worst_error_m"] is None else 1e3 * arm["median_final_worst_error_m"]
-                    ),
-                    number(arm["mean_drift"]),
-                    whole(arm["diverged"]),
-                ]
-            )
-    head = [
-        "arm",
-        "reach the threshold",
-        "within 0.5 mm at the end",
-        "settle",
-        "median worst error, mm",
-        "drift",
-        "diverged",
-    ]
-    caption = (
-        "The runs of each arm. Within 0.5 mm: the largest gap error over the last 20 % of the episode, over all "
-        "evaluation starts; settle: from the reference start; drift: change of the cost along the last evaluations "
-        "(negative: still improving). From transfer."
-    )
-    return Table(caption, head, rows)
-
-
-def _notes(study: Artefact) -> list[str]:
-    facts = study.facts
-    notes = [f"Direction: {facts['direction']}."]
-    censored, moving = [], []
-    for algorithm, found in facts["algorithms"].items():
-        margin = {
-            effect["margin"] for arm in found["effects"].values() for m, effect in arm.items() if m == "asymptote"
-        }
-        for name, arm in found["arms"].items():
-            label = f"{algorithm_label(algorithm)} with {arm_stroke(name, found['arms']).label}"
-            missing = arm["seeds"] - round(arm["share_reached"] * arm["seeds"])
-            if missing:
-                censored.append(f"{missing} of {arm['seeds']} ({label})")
-            if margin and abs(arm["mean_drift"]) > max(margin):
-                moving.append(f"{label} (drift {number(arm['mean_drift'])}, margin {number(max(margin))})")
-    if censored:
-        notes.append(
-            "Censored: runs that never hold the threshold count with the whole length of the training, so that the "
-            f"time to threshold is a restricted mean: {listing(censored)}."
-        )
-    else:
-        notes.append("Nothing is censored: every run reached the threshold.")
-    if moving:
-        notes.append(f"Not converged: {listing(moving)}. The asymptote is a snapshot there.")
-    else:
-        notes.append("Converged: no arm drifts by more than the margin of the asymptote over the last evaluations.")
-    few = min((arm["seeds"] for found in facts["algorithms"].values() for arm in found["arms"].values()), default=0)
-    if few < 8:
-        notes.append(f"{words.seeds_words(few).capitalize()} in each arm are few: read the intervals, not the means.")
-    notes.append("The intervals are those of single comparisons; they are not corrected for their number.")
-    return notes
+def _runs(curves: pd.DataFrame) -> int:
+    return len(curves[["algorithm", "arm", "seed"]].drop_duplicates())
 
 
 def settling_of(evidence: Evidence) -> dict[str, float | None]:

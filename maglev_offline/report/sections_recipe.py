@@ -68,7 +68,8 @@ def _artefacts(evidence: Evidence) -> list[Block]:
         "The artefacts. Hash: the first 16 digits of the SHA-256 of the manifest, which holds the hash of every file; "
         "fingerprint: of all that the artefact depends on."
     )
-    return [Table(caption, ["artefact", "counts", "hash", "fingerprint"], rows, labels=4)]
+    head = ["artefact", "counts", "hash", "fingerprint"]
+    return [Table(caption, head, rows, labels=4, anchors=list(evidence.anchors.values()))]
 
 
 def toml_text(recipe: Mapping[str, Any]) -> str:

@@ -4,12 +4,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from maglev_offline import __version__
 from maglev_offline.errors import ArtefactError
 from maglev_offline.progress import SILENT, Progress
 from maglev_offline.report import words
 from maglev_offline.report.evidence import REPORT, Evidence, gather
-from maglev_offline.report.page import Paragraph, Plot, Section, Table, not_yet
+from maglev_offline.report.page import Live, Paragraph, Plot, Section, Table, not_yet
 from maglev_offline.report.sections_data import (
     coverage_section,
     origin_section,
@@ -21,14 +23,21 @@ from maglev_offline.report.sections_learning import (
     curves_section,
     regulation_section,
     settling_of,
-    verdict_section,
 )
 from maglev_offline.report.sections_plant import plant_section
 from maglev_offline.report.sections_recipe import recipe_section
 from maglev_offline.report.sections_truth import truth_section
+from maglev_offline.report.sections_verdict import verdict_section
 from maglev_offline.report.settings import ReportSettings
+from maglev_offline.report.study.abstract import abstract
+from maglev_offline.report.study.arms import judged_arms
+from maglev_offline.report.study.paper import paper_section
+from maglev_offline.report.study.periods import periods_section
+from maglev_offline.report.study.runs import runs_section
+from maglev_offline.report.study.sections import differences_section, profiles_section, why_section
+from maglev_offline.report.study.threats import threats_section
 from maglev_offline.report.svg import inline_svg
-from maglev_offline.report.typesetting import page_environment
+from maglev_offline.report.typesetting import json_block, page_environment, script_mark, source
 from maglev_offline.workspace import Manifest, Workspace, fingerprint
 
 PAGE = "report.html"
@@ -70,11 +79,11 @@ def build_report(
     manifest.settings = {"report": settings.model_dump(mode="json")}
     manifest.counts = {
         "sections": len(sections),
-        "figures": sum(isinstance(block, Plot) for section in sections for block in section.blocks),
+        "figures": sum(isinstance(block, Plot | Live) for section in sections for block in section.blocks),
         "tables": sum(isinstance(block, Table) for section in sections for block in section.blocks),
     }
     with workspace.commit(home, manifest) as draft:
-        (draft / PAGE).write_text(render(settings.title, head, sections), encoding="utf-8")
+        (draft / PAGE).write_text(render(settings.title, head, sections, evidence), encoding="utf-8")
     return home / PAGE, True
 
 
@@ -99,7 +108,7 @@ def build_control_page(workspace: Workspace, recipe: Mapping[str, Any]) -> Path:
         sections = [plant_section(evidence), regulation_section(evidence, trains=False)]
         title = f"The plant and its classical controllers: {recipe.get('name', 'defaults')}"
         with workspace.commit(home, Manifest(CONTROL_PAGE, mark, evidence.hashes)) as draft:
-            (draft / page.name).write_text(render(title, Section("head", ""), sections), encoding="utf-8")
+            (draft / page.name).write_text(render(title, Section("head", ""), sections, evidence), encoding="utf-8")
     return page
 
 
@@ -115,10 +124,13 @@ def head_section(evidence: Evidence, recipe: Mapping[str, Any]) -> Section:
     if study is not None:
         rows = {a.folder.name: a.manifest.counts["rows"] for a in evidence.under("prefill")}
         confidence = float(study.manifest.settings["transfer"]["confidence"])
-        head.blocks.append(Paragraph(words.headline(study.facts), "lead"))
-        head.blocks += [Paragraph(text) for text in words.answers(study.facts, rows, confidence)]
+        lead, *more = abstract(study.facts, confidence)
+        head.blocks += [Paragraph(lead, "lead"), *(Paragraph(text, "abstract") for text in more)]
+        told = judged_arms(study.facts)
+        head.blocks += [Paragraph(text) for text in words.answers(study.facts, rows, confidence, told)]
         comparison = words.classical_sentence(settling_of(evidence))
-        head.blocks.append(Paragraph(f"{words.DIRECTION} {words.learned_sentence(study.facts)} {comparison}".strip()))
+        learned = words.learned_sentence(study.facts, ["empty", *told])
+        head.blocks.append(Paragraph(f"{words.DIRECTION} {learned} {comparison}".strip()))
     elif not trains:
         text = "The recipe trains no agent: this page shows the logged data and the classical controllers."
         head.blocks.append(Paragraph(text))
@@ -141,6 +153,13 @@ def head_section(evidence: Evidence, recipe: Mapping[str, Any]) -> Section:
     return head
 
 
+STUDY = (
+    *(differences_section, profiles_section, why_section, periods_section),
+    *(paper_section, threats_section, runs_section),
+)
+"""Sections that stand where the study has something to say for them."""
+
+
 def body_sections(
     evidence: Evidence, settings: ReportSettings, recipe: Mapping[str, Any], recipe_name: str, mark: str
 ) -> list[Section]:
@@ -156,14 +175,28 @@ def body_sections(
         regulation_section(evidence, trains=trains),
         curves_section(evidence, trains=trains),
         verdict_section(evidence, trains=trains),
+        *filter(None, (part(evidence) for part in STUDY)),
         recipe_section(evidence, recipe, recipe_name, mark, trains=trains),
     ]
 
 
-def render(title: str, head: Section, sections: list[Section]) -> str:
-    """Set the page. Every text is escaped; only the figures, which matplotlib has escaped, are markup."""
+def render(title: str, head: Section, sections: list[Section], evidence: Evidence) -> str:
+    """Set the page. Every text is escaped; only the figures, which matplotlib has escaped, are markup.
+
+    A page with a figure that can be questioned has one script, which its security policy names by its hash.
+    """
     environment = page_environment()
     environment.globals["svg"] = lambda plot: inline_svg(plot.figure, plot.key)
+    environment.globals["json"] = json_block
     environment.tests["block"] = lambda block, kind: type(block).__name__ == kind
-    template = environment.get_template("report.html.j2")
-    return template.render(title=title, head=head, sections=sections, version=__version__)
+    moves = any(isinstance(block, Live) for section in sections for block in section.blocks)
+    script = source("curves.js") if moves else ""
+    return environment.get_template("report.html.j2").render(
+        title=title,
+        head=head,
+        sections=sections,
+        version=__version__,
+        script=Markup(script),
+        script_mark=script_mark(script),
+        anchors={name: (anchor, evidence.artefacts[name].hash[:16]) for name, anchor in evidence.anchors.items()},
+    )

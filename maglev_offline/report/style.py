@@ -43,7 +43,9 @@ ARMS = {
 SIGNALS = {"logged": "#0072B2", "set_point": "#4d4d4d"}
 VERDICTS = {"positive": "#0072B2", "negative": "#D55E00", "equivalent": "#4d4d4d", "inconclusive": "#8c959f"}
 
-_SPARE = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7")
+_SPARE = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#882255")
+_DASHES = ((0, (2, 1)), (0, (5, 1.5)), (0, (1, 1.2)), (0, (4, 1, 1, 1)))
+"""Arms without a colour of their own take the colours in turn, then the same colours with the next dash: 20 of them."""
 
 _RC: dict[str, Any] = {
     "axes.edgecolor": "#8c959f",
@@ -103,7 +105,8 @@ def arm_stroke(name: str, arms: Iterable[str] = ()) -> Stroke:
         return ARMS[name]
     others = [arm for arm in arms if arm not in ARMS]
     place = others.index(name) if name in others else 0
-    return Stroke(name, _SPARE[place % len(_SPARE)], (0, (2, 1)))
+    dash = _DASHES[place // len(_SPARE) % len(_DASHES)]
+    return Stroke(name, _SPARE[place % len(_SPARE)], dash)
 
 
 def algorithm_label(name: str) -> str:

@@ -1,6 +1,13 @@
 """How the templates of pages are set: every text escaped, nothing in it that no page may hold."""
 
+import base64
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
 import jinja2
+from markupsafe import Markup
 
 from maglev_offline.report.numbers import NO_BREAK
 
@@ -15,6 +22,27 @@ def page_environment() -> jinja2.Environment:
         lstrip_blocks=True,
         finalize=_set,
     )
+
+
+def source(name: str) -> str:
+    """A template's text as it stands: a script or a style sheet."""
+    environment = page_environment()
+    assert environment.loader is not None
+    return environment.loader.get_source(environment, name)[0]
+
+
+def script_mark(script: str) -> str:
+    """The hash by which a page's security policy names its one script, so that nothing else on it can run.
+
+    An inline script runs to the end of its tag, so that the hash is that of all in between.
+    """
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+
+
+def json_block(value: Mapping[str, Any]) -> Markup:
+    """JSON for a block of data in the page: no name of a log can end the block."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
 _CONTROLS = dict.fromkeys((*range(9), 11, 12, *range(14, 32), *range(127, 160)), "�")

@@ -103,14 +103,14 @@ def _outcome(verdicts: Sequence[str]) -> str:
     return "has no effect on {} that so many seeds could establish"
 
 
-def answers(verdict: Mapping[str, Any], rows: Mapping[str, int], confidence: float) -> list[str]:
-    """One sentence for each algorithm and arm: every metric with its difference, interval and verdict.
+def answers(verdict: Mapping[str, Any], rows: Mapping[str, int], confidence: float, arms: Sequence[str]) -> list[str]:
+    """One sentence for each algorithm and arm of `arms`: every metric with its difference, interval and verdict.
 
     `rows`: how many rows each algorithm's buffer starts with, where that is known.
     """
     sentences = []
     for algorithm, found in verdict["algorithms"].items():
-        for arm in found["effects"]:
+        for arm in (arm for arm in arms if arm in found["effects"]):
             effects = _telling(found, arm)
             clauses: list[str] = []
             for word in ("negative", "positive", "equivalent", "inconclusive"):
@@ -164,12 +164,13 @@ def has_learned(found: Mapping[str, Any]) -> bool:
     return any(arm["share_within_half_mm"] > 0.5 and arm["share_settled"] > 0.5 for arm in found["arms"].values())
 
 
-def learned_sentence(verdict: Mapping[str, Any]) -> str:
-    """Say for each algorithm how many runs end up holding the gap and settling, and where that is not yet so."""
+def learned_sentence(verdict: Mapping[str, Any], arms: Sequence[str]) -> str:
+    """Say for each algorithm how many runs of `arms` end up holding the gap and settling, and where that is not so."""
     parts = []
     for algorithm, found in verdict["algorithms"].items():
         counts = []
-        for arm, facts in found["arms"].items():
+        for arm in (arm for arm in arms if arm in found["arms"]):
+            facts = found["arms"][arm]
             n = facts["seeds"]
             within, settled = round(facts["share_within_half_mm"] * n), round(facts["share_settled"] * n)
             start = {"empty": "an empty buffer", "prefill": "a prefilled one"}.get(arm, f"the arm “{arm}”")

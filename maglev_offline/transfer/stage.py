@@ -23,7 +23,7 @@ from maglev_offline.transfer.settings import TransferSettings
 from maglev_offline.transfer.verdict import enough_seeds
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
 
-STATISTICS = "BCa, expanded; Holm"
+STATISTICS = "BCa, expanded; Holm of exact signs"
 """How differences are judged; part of the fingerprint, so that a verdict of another rule is judged again."""
 
 

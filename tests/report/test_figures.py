@@ -102,12 +102,12 @@ def test_prefill_algorithms_with_the_same_rows_share_a_line(evidence):
 
 def test_forest_has_a_row_for_each_effect(evidence):
     facts = evidence.get("transfer").facts
-    rows = figures_learning.forest_rows(facts)
+    rows = figures_learning.forest_rows(facts, ["prefill"])
     assert len(rows) == 8
     assert rows[0]["label"].startswith("DDPG")
     effect = facts["algorithms"]["ddpg"]["effects"]["prefill"]["jumpstart"]
     assert rows[0]["difference"] == pytest.approx(100 * effect["difference"] / abs(effect["baseline_mean"]))
-    figure = figures_learning.forest_figure(facts)
+    figure = figures_learning.forest_figure(rows)
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [row["label"] for row in rows]
 
 
@@ -117,7 +117,8 @@ def test_forest_compresses_effects_that_dwarf_the_margin():
     large = {**effect, "difference": -40.0, "low": -60.0, "high": -20.0, "verdict": "negative"}
     silent = {**effect, "difference": -1.0, "low": None, "high": None, "verdict": "inconclusive"}
     for effects, scale in (({"area": small}, "linear"), ({"area": small, "asymptote": large, "x": silent}, "symlog")):
-        figure = figures_learning.forest_figure({"algorithms": {"td3": {"effects": {"prefill": effects}}}})
+        verdict = {"algorithms": {"td3": {"effects": {"prefill": effects}}}}
+        figure = figures_learning.forest_figure(figures_learning.forest_rows(verdict, ["prefill"]))
         assert figure.axes[0].get_xscale() == scale
         assert ("logarithmic" in figure.axes[0].get_xlabel()) == (scale == "symlog")
 

@@ -1,6 +1,7 @@
 """The page as a whole: well-formed, self-contained, honest about what is missing, the same bytes each time."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -23,11 +24,12 @@ from maglev_offline.workspace import Manifest, Workspace, sha256_of
 FIGURES = (
     *("trajectory-1", "trajectory-2", "coverage", "truth", "residual", "prefill"),
     *("force", "root-locus", "steps", "robustness"),
-    *("regulation", "long", "curves", "forest"),
+    *("regulation", "long", "curves", "forest", "differences", "profiles"),
 )
 SECTIONS = (
     *("origin", "trajectories", "coverage", "truth", "prefill"),
-    *("plant", "regulation", "curves", "verdict", "recipe"),
+    *("plant", "regulation", "curves", "verdict"),
+    *("differences", "profiles", "paper", "threats", "runs", "recipe"),
 )
 
 
@@ -73,9 +75,12 @@ def test_page_is_well_formed(page):
 
 def test_page_needs_nothing_else(page, path, reported):
     assert all(reference.startswith(("#", "data:image/png;base64,")) for reference in page.references)
-    assert not {"script", "link", "iframe", "object", "img"} & {tag for tag, _ in page.tags}
+    assert not {"link", "iframe", "object", "img"} & {tag for tag, _ in page.tags}
     text = path.read_text()
-    assert "http" not in text
+    data, script = (attributes for tag, attributes in page.tags if tag == "script")
+    assert (data, script) == ({"type": "application/json"}, {})
+    assert "default-src 'none'" in text
+    assert "http" not in re.sub(r"http://www\.w3\.org/2000/svg|http-equiv", "", text)
     assert "@import" not in text
     assert str(reported.root.parent) not in text
     assert len(text.encode()) < 3_000_000
@@ -127,8 +132,9 @@ def test_verdict_table_is_the_manifest(page, made):
                 interval(effect["low"], effect["high"]).replace("\xa0", " "),
             ]
             row = next(row for row in rows if row[:5] == wanted)
-            assert row[7] == number(effect["margin"])
-            assert effect["verdict"] in row[8]
+            assert row[6] == number(effect["p_value_holm"])
+            assert row[8] == number(effect["margin"])
+            assert effect["verdict"] in row[9]
 
 
 def test_every_artefact_hash_and_recipe_number_is_there(page, made):

@@ -41,7 +41,7 @@ def plain(text):
     ],
 )
 def test_answer_names_the_verdict(verdict, says):
-    (sentence,) = words.answers(study({"area": effect(verdict)}), {"ddpg": 10_000}, 0.95)
+    (sentence,) = words.answers(study({"area": effect(verdict)}), {"ddpg": 10_000}, 0.95, ["prefill"])
     assert plain(sentence).startswith("With DDPG, 10,000 logged rows in the buffer ")
     assert says in plain(sentence)
     assert sentence.endswith(f": {verdict}.")
@@ -52,6 +52,7 @@ def test_answer_keeps_verdicts_apart():
         study({"jumpstart": effect("positive"), "area": effect("negative"), "asymptote": effect("inconclusive")}),
         {},
         0.9,
+        ["prefill"],
     )
     negative, positive, open_ = plain(sentence).split("; ")
     assert "area" in negative
@@ -64,7 +65,7 @@ def test_answer_keeps_verdicts_apart():
 
 def test_a_threshold_that_no_run_reaches_says_nothing():
     found = study({"area": effect("inconclusive"), "time_to_threshold": effect("equivalent", 0, 0, 0)}, reached=0.0)
-    (sentence,) = words.answers(found, {}, 0.95)
+    (sentence,) = words.answers(found, {}, 0.95, ["prefill"])
     assert "equivalent" not in sentence
     assert "no run of either arm reaches the threshold" in sentence
     headline = words.headline(found | {"primary_metric": "time_to_threshold"})
@@ -111,7 +112,7 @@ def test_to_have_learned_is_to_settle_and_to_stay_in_most_runs(within, settled, 
 
 
 def test_learned_counts_seeds():
-    text = words.learned_sentence(study({}, within=0.375, settled=0.125))
+    text = words.learned_sentence(study({}, within=0.375, settled=0.125), ["empty", "prefill"])
     assert plain(text).startswith(
         "Last policies whose gap error stays within 0.5 mm over the last 20 % of the episode from every start: DDPG"
     )

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -30,6 +32,22 @@ def test_corrected_values_keep_the_order_and_never_fall(p_values):
 def test_the_sign_flip_test_is_exact_for_few_seeds():
     # Of the 2^5 sign patterns of five equal differences, only two have a mean as far from zero.
     assert sign_flip_p(np.ones(5), rng()) == pytest.approx(2 / 32)
+
+
+@given(st.lists(st.floats(-10, 10), min_size=2, max_size=9))
+@settings(max_examples=50)
+def test_all_changes_of_sign_are_counted(values):
+    difference = np.array(values)
+    signs = np.array(list(itertools.product([-1, 1], repeat=len(values))))
+    least = abs(difference.sum()) - 1e-9 * np.abs(difference).sum()
+    share = np.mean(np.abs(signs @ difference) >= least)
+    assert sign_flip_p(difference, rng()) == pytest.approx(share if difference.any() else 1.0)
+
+
+def test_counting_and_drawing_agree():
+    difference = np.random.default_rng(3).normal(0.5, 1, 30)
+    drawn = np.r_[difference, 0.0]  # a difference of nothing makes it one seed too many to count
+    assert sign_flip_p(difference, rng()) == pytest.approx(sign_flip_p(drawn, rng()), abs=0.01)
 
 
 def test_equal_arms_one_seed_and_lost_numbers_surprise_nobody():

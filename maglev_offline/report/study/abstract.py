@@ -1,0 +1,60 @@
+"""The result of a study in three sentences: the prefill, the cure, and whether the outcome was foretold."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from maglev_offline.report import words
+from maglev_offline.report.numbers import interval, listing, number, percent
+from maglev_offline.report.style import algorithm_label
+
+OUTCOMES = {
+    "positive": "helps",
+    "negative": "harms it too",
+    "equivalent": "makes no difference that matters",
+    "inconclusive": "has an effect that so many seeds could not establish",
+}
+
+
+def abstract(facts: Mapping[str, Any], confidence: float) -> list[str]:
+    """The sentences, from the facts alone; those that the study has nothing to say on are left out."""
+    parts = [words.headline(facts), cure_sentence(facts, confidence), foretelling_sentence(facts, confidence)]
+    return [part for part in parts if part]
+
+
+def cure_sentence(facts: Mapping[str, Any], confidence: float) -> str:
+    """What the cure that half of the seeds chose did on the other half."""
+    cure = facts.get("cure")
+    if not cure or not cure["algorithms"]:
+        return ""
+    parts = []
+    for algorithm, found in cure["algorithms"].items():
+        effect = found["confirmed"]
+        span = interval(effect["low"], effect["high"])
+        parts.append(
+            f"{algorithm_label(algorithm)} “{found['chosen']}” {OUTCOMES[effect['verdict']]} (difference "
+            f"{number(effect['difference'])}, {percent(confidence)} interval {span}, "
+            f"{words.seeds_words(effect['seeds'])})"
+        )
+    return (
+        f"Of {len(cure['candidates'])} prefills from the same logs that were tried as cures, the best on half of the "
+        f"seeds was held against an empty buffer on the other half: for {listing(parts)}."
+    )
+
+
+def foretelling_sentence(facts: Mapping[str, Any], confidence: float) -> str:
+    """How well the target error of the rows, known before any training, ranks what they do."""
+    parts = []
+    for algorithm, found in facts.get("foretelling", {}).get("algorithms", {}).items():
+        told = found["error_over_advantage_std"]
+        if told["rank_correlation"] is not None:
+            low, high = told["interval"]
+            parts.append(
+                f"{number(told['rank_correlation'], 2)} for {algorithm_label(algorithm)} ({interval(low, high, 2)}, "
+                f"{told['arms']} arms)"
+            )
+    if not parts:
+        return ""
+    return (
+        "The target error of the rows, known before any training, against what they did in it: rank correlation "
+        f"{listing(parts)}, {percent(confidence)} intervals over arms."
+    )

@@ -1,0 +1,74 @@
+"""The same study at other control periods, side by side."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from maglev_offline.report import words
+from maglev_offline.report.evidence import Artefact, Evidence
+from maglev_offline.report.numbers import interval, plain, whole
+from maglev_offline.report.page import Points, Section, Table
+from maglev_offline.report.study.arms import arms_of
+from maglev_offline.report.style import algorithm_label, arm_stroke
+from maglev_offline.transfer.words import finding_lines
+
+
+def periods_section(evidence: Evidence) -> Section | None:
+    """The primary metric at all periods, in per cent of the empty arm's mean; None where there is one period."""
+    studies = studies_of(evidence)
+    if len(studies) < 2:
+        return None
+    first = next(iter(studies.values()))
+    metric = words.METRIC_NAMES[first.facts["primary_metric"]]
+    section = Section("periods", "At other control periods")
+    for algorithm in first.facts["algorithms"]:
+        section.blocks.append(_table(studies, algorithm, metric))
+    section.blocks.append(
+        Points([f"At {period} ms, {line}." for period, study in studies.items() for line in finding_lines(study.facts)])
+    )
+    return section
+
+
+def studies_of(evidence: Evidence) -> dict[str, Artefact]:
+    """The study at the recipe's own period, and those at others, by the period in milliseconds."""
+    found = {}
+    for each in (evidence, *evidence.periods.values()):
+        study = each.get("transfer")
+        if study is not None:
+            found[plain(study.manifest.settings["mdp"]["control_period_ms"])] = study
+    return found
+
+
+def _table(studies: Mapping[str, Artefact], algorithm: str, metric: str) -> Table:
+    first = next(iter(studies.values()))
+    arms = [arm for arm in arms_of(first.facts) if arm != "empty"]
+    rows = [
+        [
+            arm_stroke(arm, arms_of(first.facts)).label,
+            *(_cell(study.facts, algorithm, arm) for study in studies.values()),
+        ]
+        for arm in arms
+    ]
+    runs = ", ".join(
+        f"{whole(study.manifest.settings['training']['seeds'])} seeds of "
+        f"{whole(study.manifest.settings['training']['steps'])} steps at {period} ms"
+        for period, study in studies.items()
+    )
+    caption = (
+        f"{algorithm_label(algorithm)}: difference to an empty buffer in the {metric}, in per cent of the empty "
+        f"buffer’s mean at the same period, with its interval and verdict; {runs}. Positive: the arm helps. "
+        "From transfer, and from transfer of each workspace below periods/."
+    )
+    return Table(caption, ["arm", *(f"{period} ms" for period in studies)], rows, sources=("transfer",))
+
+
+def _cell(facts: Mapping[str, Any], algorithm: str, arm: str) -> str:
+    found = facts["algorithms"].get(algorithm, {}).get("effects", {}).get(arm)
+    if found is None:
+        return "–"
+    effect = found[facts["primary_metric"]]
+    base = abs(effect["baseline_mean"])
+    if not base or effect["low"] is None:
+        return f"{words.VERDICT_WORDS[effect['verdict']]}"
+    share = {key: 100 * effect[key] / base for key in ("difference", "low", "high")}
+    sign = f"{share['difference']:+.0f}".replace("-", "−")
+    return f"{sign} ({interval(share['low'], share['high'], 2)}) {words.VERDICT_WORDS[effect['verdict']]}"
