@@ -41,7 +41,7 @@ study: setup  ## the slow learning studies; hours, and what is stopped goes on w
 	$(MAKE) publish
 
 publish:  ## report, curves and verdicts of finished studies, from reports/NAME-work to where git keeps them
-	for study in $(STUDIES); do for work in reports/$$study-work reports/$$study-work/periods/*; do \
+	set -e; for study in $(STUDIES); do rm -rf reports/$$study; for work in reports/$$study-work reports/$$study-work/periods/*; do \
 	  if [ -d $$work/transfer ]; then \
 	    home=reports/$$study$${work#reports/$$study-work}; mkdir -p $$home; \
 	    cp $$work/transfer/manifest.json $$work/transfer/*.parquet $$home; \

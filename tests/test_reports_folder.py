@@ -57,5 +57,5 @@ def test_the_page_is_light_and_alone(study):
 def test_the_findings_say_what_the_studies_found():
     document = ROOT / "docs" / "findings.md"
     text = document.read_text(encoding="utf-8")
-    assert text.count("<!-- study") >= 4
+    assert text.count("<!-- study of ") >= 4
     assert with_tables(text, ROOT / "reports") == text

@@ -5,6 +5,7 @@ whose folder below `reports` holds a manifest of `transfer`.
 """
 
 import json
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -62,13 +63,14 @@ def _before(facts: Facts, arm: str) -> str:
         return "-"
     correlation = told["correlation_with_advantage"]
     known = "-" if correlation is None else f"{correlation:+.2f}"
-    return f"{told['verdict']}: {told['error_over_advantage_std']:.2f}, {known}"
+    error = told["error_over_advantage_std"]
+    return f"{told['verdict']}: {'-' if error is None else f'{error:.2f}'}, {known}"
 
 
-def _effect(effect: Mapping[str, Any]) -> str:
+def _effect(effect: Mapping[str, Any], said: str = "verdict") -> str:
     """`-13.3 (-15.3 to -11.7) negative`; bold where it holds after Holm's correction."""
     span = "" if effect["low"] is None else f" ({effect['low']:+.2f} to {effect['high']:+.2f})"
-    text = f"{effect['difference']:+.2f}{span} {effect['verdict']}"
+    text = f"{effect['difference']:+.2f}{span} {effect[said]}"
     return f"**{text}**" if effect["holds_after_holm"] else text
 
 
@@ -86,17 +88,12 @@ def parts_table(facts: Facts) -> str:
         [
             part,
             f"{next(iter(of.values()))['share_of_rows']:.0%}",
-            *(_part(of[name]) if name in of else "-" for name in algorithms),
+            *(_effect(of[name], "meaning") if name in of else "-" for name in algorithms),
         ]
         for part, of in parts.items()
         if any(found["holds_after_holm"] for found in of.values())
     ]
     return table_of(["part", "share of the rows", *(name.upper() for name in algorithms)], rows)
-
-
-def _part(found: Mapping[str, Any]) -> str:
-    text = f"{found['difference']:+.2f} ({found['low']:+.2f} to {found['high']:+.2f}) {found['meaning']}"
-    return f"**{text}**" if found["holds_after_holm"] else text
 
 
 def blocks_of(reports: Path) -> dict[str, str]:
@@ -114,15 +111,17 @@ def blocks_of(reports: Path) -> dict[str, str]:
 
 
 def with_tables(text: str, reports: Path, where: str = "") -> str:
-    """The document with every table for which it has markers.
+    """The document with every table for which it has markers, such as `<!-- study of cure: begin -->`.
 
     Raises
     ------
-    InputError: markers that are not a pair.
+    InputError: markers that are not a pair, or of a study that is not there.
     """
-    for name, block in blocks_of(reports).items():
-        if f"<!-- {name}: " in text:
-            text = with_block(text, name, block, where)
+    blocks = blocks_of(reports)
+    for name in re.findall(r"<!-- study of (.+?): begin -->", text):
+        if name not in blocks:
+            raise InputError(f"there is no study {name!r} to fill the table with.", where=where, todo=str(reports))
+        text = with_block(text, f"study of {name}", blocks[name], where)
     return text
 
 

@@ -13,6 +13,7 @@ from maglev_offline.progress import SILENT, Progress
 from maglev_offline.replay.prefill import read_transitions
 from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
+from maglev_offline.transfer.against import held_against, pairs_of
 from maglev_offline.transfer.arm_rows import Sources, facts_of_rows, prefill_of, transitions_of
 from maglev_offline.transfer.arms import Plan, plan_of
 from maglev_offline.transfer.attribution import Part, attribute, parts_of, plan_without
@@ -23,7 +24,7 @@ from maglev_offline.transfer.settings import TransferSettings
 from maglev_offline.transfer.verdict import enough_seeds
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
 
-STATISTICS = "BCa, expanded; Holm of exact signs"
+STATISTICS = "BCa, expanded; Holm of exact signs; foretold by groups"
 """How differences are judged; part of the fingerprint, so that a verdict of another rule is judged again."""
 
 
@@ -97,6 +98,8 @@ def run_transfer(
     cures = candidates_of(settings)
     if cures:
         facts["cure"] = confirmed_cures(judged.table, cures, settings, judged.margins, world.training.algorithms)
+    if pairs_of(settings):
+        facts["against"] = held_against(judged.table, settings, judged.margins, world.training.algorithms)
     facts["foretelling"] = _foretold(facts, judged, settings)
     if parted is not None:
         whole, parts = parted
@@ -139,7 +142,11 @@ def _foretold(facts: dict[str, Any], judged: Judgement, settings: TransferSettin
         for algorithm, found in facts["algorithms"].items()
     }
     rng = stream(settings.seed, "bootstrap foretelling")
-    return foretelling(facts["rows"], effects, settings.primary_metric, settings.confidence, settings.resamples, rng)
+    groups = {arm: found["artefact"] for arm, found in facts["rows"].items()}
+    # What is left of the attributed arm's rows without a part of them is no other log.
+    groups |= {arm: groups[settings.attributed] for arm in groups if arm not in settings.arms}
+    rows, metric = facts["rows"], settings.primary_metric
+    return foretelling(rows, effects, metric, settings.confidence, settings.resamples, rng, groups)
 
 
 def _check_windows(world: World, settings: TransferSettings) -> None:

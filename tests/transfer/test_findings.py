@@ -56,9 +56,16 @@ def test_the_document_gets_the_tables_that_it_has_markers_for(facts, tmp_path):
     home.mkdir(parents=True)
     (home / "manifest.json").write_text(json.dumps({"artefact": "transfer", "facts": facts}))
     document = tmp_path / "findings.md"
-    document.write_text("<!-- study periods/5ms: begin -->\n<!-- study periods/5ms: end -->\n")
+    document.write_text("<!-- study of study periods/5ms: begin -->\n<!-- study of study periods/5ms: end -->\n")
     assert main([str(document), str(tmp_path / "reports")]) == 0
     assert arms_table(facts) in document.read_text()
+
+
+def test_a_table_whose_study_is_gone_is_no_silent_leftover(tmp_path, capsys):
+    document = tmp_path / "findings.md"
+    document.write_text("<!-- study of gone: begin -->\n<!-- study of gone: end -->\n")
+    assert main([str(document), str(tmp_path)]) == 2
+    assert "no study 'gone'" in capsys.readouterr().err
 
 
 def test_bad_arguments_are_told_and_no_traceback(tmp_path, capsys):
