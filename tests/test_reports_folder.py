@@ -59,3 +59,10 @@ def test_the_findings_say_what_the_studies_found():
     text = document.read_text(encoding="utf-8")
     assert text.count("<!-- study of ") >= 4
     assert with_tables(text, ROOT / "reports") == text
+
+
+def test_the_picture_of_the_readme_is_that_of_the_report():
+    picture = (ROOT / "docs" / "images" / "differences.svg").read_text(encoding="utf-8")
+    drawn = picture[picture.index("<g>") : picture.rindex("</svg>")]
+    assert len(drawn) > 10_000
+    assert drawn in (ROOT / "reports" / "study" / "report.html").read_text(encoding="utf-8")
