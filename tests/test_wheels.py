@@ -18,4 +18,5 @@ def test_every_wheel_is_looked_at_from_outside_and_one_is_in_nightly_ci():
     look = CONFIGURATION["tool"]["cibuildwheel"]["test-command"].rpartition("{project}/")[2]
     assert (ROOT / look).is_file()
     assert look in (ROOT / ".ci" / "wheel").read_text()
-    assert re.search(r"NIGHTLY.*\.ci/wheel", (ROOT / ".ci" / "run").read_text())
+    assert re.search(r"NIGHTLY.*make nightly", (ROOT / ".ci" / "run").read_text())
+    assert re.search(r"^nightly:.*\n(\t.*\n)*\t\.ci/wheel$", (ROOT / "Makefile").read_text(), flags=re.M)

@@ -58,7 +58,17 @@ def foretelling_sentence(facts: Mapping[str, Any], confidence: float) -> str:
             )
     if not parts:
         return ""
-    return (
+    return _met(facts["foretelling"]["calibration"]) + (
         "Rows whose targets err more, as is known before any training, did worse where this rank correlation is "
         f"negative: {listing(parts)}, {percent(confidence)} intervals over groups of arms that share their rows."
     )
+
+
+def _met(calibration: Mapping[str, Mapping[str, int]]) -> str:
+    """What became of the verdicts that were given before any training: how many of them met harm."""
+    parts = [
+        f"{sum(outcomes.values())} times “{before}”, {outcomes.get('negative', 0)} of which did harm"
+        for before, outcomes in calibration.items()
+        if outcomes
+    ]
+    return f"Before any training the rows of an arm were judged {listing(parts)}. " if parts else ""

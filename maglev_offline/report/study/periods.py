@@ -22,10 +22,9 @@ def periods_section(evidence: Evidence) -> Section | None:
     section = Section("periods", "At other control periods")
     for algorithm in first.facts["algorithms"]:
         section.blocks.append(_table(studies, algorithm, metric))
-    section.blocks.append(
-        Points([f"At {period} ms, {line}." for period, study in studies.items() for line in finding_lines(study.facts)])
-    )
-    return section
+    others = list(studies.items())[1:]  # what was found at the recipe's own period has a section of its own
+    lines = [f"At {period} ms, {line}." for period, study in others for line in finding_lines(study.facts)]
+    return Section(section.key, section.title, [*section.blocks, *([Points(lines)] if lines else [])])
 
 
 def studies_of(evidence: Evidence) -> dict[str, Artefact]:
