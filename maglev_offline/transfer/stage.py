@@ -1,6 +1,6 @@
 """The stage: train the arms, compare them seed by seed, and say whether prefill helps or harms."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -95,17 +95,8 @@ def run_transfer(
     judged = judge_curves(curves, world, settings, sources.control)
     facts = judged.facts | {"rows": facts_of_rows(workspace, plans, world, sources)}
     _tell(facts, settings, world, progress)
-    cures = candidates_of(settings)
-    if cures:
-        facts["cure"] = confirmed_cures(judged.table, cures, settings, judged.margins, world.training.algorithms)
-    if pairs_of(settings):
-        facts["against"] = held_against(judged.table, settings, judged.margins, world.training.algorithms)
+    facts |= _asked_for(judged, settings, world.training.algorithms, parted)
     facts["foretelling"] = _foretold(facts, judged, settings)
-    if parted is not None:
-        whole, parts = parted
-        facts["attribution"] = attribute(
-            judged.table, parts, whole.name, settings, judged.margins, world.training.algorithms
-        )
     manifest = Manifest("transfer", mark, inputs)
     manifest.settings = {
         "transfer": settings.model_dump(mode="json"),
@@ -117,6 +108,25 @@ def run_transfer(
         for name, part in (("curves", curves), ("metrics", judged.table)):
             write_parquet(part, draft / f"{name}.parquet")
     return home, True
+
+
+def _asked_for(
+    judged: Judgement,
+    settings: TransferSettings,
+    algorithms: Sequence[Algorithm],
+    parted: tuple[Plan, list[Part]] | None,
+) -> dict[str, Any]:
+    """The findings that the recipe asks for beside the effects: cures, arms against each other, parts of the rows."""
+    found, cures = {}, candidates_of(settings)
+    table, margins = judged.table, judged.margins
+    if cures:
+        found["cure"] = confirmed_cures(table, cures, settings, margins, algorithms)
+    if pairs_of(settings):
+        found["against"] = held_against(table, settings, margins, algorithms)
+    if parted is not None:
+        whole, parts = parted
+        found["attribution"] = attribute(table, parts, whole.name, settings, margins, algorithms)
+    return found
 
 
 def _tell(facts: Mapping[str, Any], settings: TransferSettings, world: World, progress: Progress) -> None:
