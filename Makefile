@@ -7,7 +7,7 @@ DEMO := reports/quickstart
 
 STUDIES := changsha study cure
 
-.PHONY: setup demo test check study publish exports clean
+.PHONY: setup demo test check study publish exports nightly clean
 
 setup: $(VENV)/.installed
 
@@ -41,7 +41,7 @@ study: setup  ## the slow learning studies; hours, and what is stopped goes on w
 	$(MAKE) publish
 
 publish:  ## report, curves and verdicts of finished studies, from reports/NAME-work to where git keeps them
-	for study in $(STUDIES); do for work in reports/$$study-work reports/$$study-work/periods/*; do \
+	set -e; for study in $(STUDIES); do rm -rf reports/$$study; for work in reports/$$study-work reports/$$study-work/periods/*; do \
 	  if [ -d $$work/transfer ]; then \
 	    home=reports/$$study$${work#reports/$$study-work}; mkdir -p $$home; \
 	    cp $$work/transfer/manifest.json $$work/transfer/*.parquet $$home; \
@@ -50,6 +50,10 @@ publish:  ## report, curves and verdicts of finished studies, from reports/NAME-
 
 exports: $(FOREIGN)/.installed  ## exported prefills in the libraries that they are for: d3rlpy, Minari, TorchRL, SB3
 	$(FOREIGN)/bin/python -m pytest tests/replay/exports
+
+nightly: setup exports  ## benchmarks in small, exports with the libraries that they are for, and a wheel looked at from outside
+	$(BIN)/python -m pytest -n auto -m nightly
+	.ci/wheel
 
 $(FOREIGN)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(FOREIGN)

@@ -10,9 +10,18 @@ def main() -> None:
     if sys.argv[1:] == ["--version"]:
         print(f"maglev-offline {__version__}")
         return
-    from maglev_offline.cli import run
+    try:
+        from maglev_offline.cli import run
 
-    sys.exit(run())
+        code = run()
+    except ModuleNotFoundError as error:  # of what the command line itself needs, so that `doctor` cannot tell of it
+        print(
+            f"error: the package {error.name} is not here. Install maglev-offline into this Python, {sys.executable}, "
+            "or take the one that it is installed in (`make setup` in its folder makes one).",
+            file=sys.stderr,
+        )
+        code = 2
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -100,6 +100,11 @@ class Store:
         with in_words(self.where(name)), suppress(FileNotFoundError):
             self.files.delete_dir(f"{self.home}/{name}")
 
+    def holder(self) -> WorkspaceLocked | None:
+        """What a command is told that wants the lock now; None where it is free."""
+        held = self.read(LOCK)
+        return None if held is None or _is_dead(held) else self._locked(held)
+
     @contextmanager
     def lock(self, command: str) -> Iterator[None]:
         """Hold the folder for one command, as well as a store without a true lock allows.
@@ -113,9 +118,9 @@ class Store:
         """
         mine = {"command": command, "host": socket.gethostname(), "process": os.getpid()}
         content = json.dumps(mine, sort_keys=True).encode()
-        held = self.read(LOCK)
-        if held is not None and not _is_dead(held):
-            raise self._locked(held)
+        held = self.holder()
+        if held is not None:
+            raise held
         self.put(LOCK, content)
         there = self.read(LOCK)
         if there != content:

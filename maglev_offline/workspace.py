@@ -150,6 +150,22 @@ class Workspace:
             for leftover in (draft, retired):
                 shutil.rmtree(leftover, ignore_errors=True)
 
+    def holder(self) -> str | None:
+        """The command that holds the workspace for writing, and its process; None where nobody does.
+
+        A command that was killed leaves its name behind, but not the lock.
+        """
+        try:
+            with (self.root / ".lock").open() as file:
+                found = file.read().strip()
+                if found:
+                    fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except BlockingIOError:
+            return found
+        return None
+
     @contextmanager
     def lock(self, command: str) -> Iterator[None]:
         """Hold the workspace for writing; the second of two commands is told who holds it.

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,15 @@ def test_recipes_and_make_targets_that_are_named_exist(page):
     targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.M)
     for target in re.findall(r"`?\bmake ([a-z]+)\b", "\n".join(re.findall(r"`[^`]+`|^make .*", text, flags=re.M))):
         assert target in targets, target
+
+
+def test_the_architecture_names_every_folder_and_the_layers_as_they_are():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    folders = {path.name for path in (ROOT / "maglev_offline").iterdir() if path.is_dir() and path.name[0] != "_"}
+    assert set(re.findall(r"^\| `(\w+)` \|", text, flags=re.M)) == folders
+    told = "".join(re.findall(r"^    .*(?: > ).*\n", text, flags=re.M))
+    (contract,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    assert [layer.strip() for layer in told.split(">") if layer.strip()] == contract["layers"]
 
 
 def test_ci_calls_the_test_command_of_the_readme():

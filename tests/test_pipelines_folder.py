@@ -13,7 +13,7 @@ RECIPES = sorted(FOLDER.glob("*.toml"))
 
 
 def test_the_recipes_are_there():
-    assert [path.stem for path in RECIPES] == ["changsha", "levitator", "quickstart", "study"]
+    assert [path.stem for path in RECIPES] == ["changsha", "cure", "levitator", "quickstart", "study"]
 
 
 @pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
@@ -23,7 +23,7 @@ def test_every_recipe_loads_and_says_what_it_is(path):
     assert recipe.description
 
 
-@pytest.mark.parametrize("name", ["changsha", "quickstart", "study"])
+@pytest.mark.parametrize("name", ["changsha", "cure", "quickstart", "study"])
 def test_recipes_on_bundled_logs_find_them(name):
     assert len(find_logs(load_recipe(FOLDER / f"{name}.toml").logs, relative_to=FOLDER)) == 3
 
@@ -77,3 +77,14 @@ def test_the_study_has_every_construction_every_control_and_cures_of_logs_alone(
     assert recipe.transfer.control_periods_ms == (10, 5, 1)
     for name in arms:
         plan_of(name, recipe.transfer, recipe.curate, recipe.training)
+
+
+def test_the_cure_is_that_of_the_study_on_seeds_that_did_not_choose_it():
+    study, cure = (load_recipe(FOLDER / f"{name}.toml") for name in ("study", "cure"))
+    assert not set(cure.training.seed_list) & set(study.training.seed_list)
+    chosen = study.transfer.arm["half_reconstructed"]
+    assert chosen.curate["construction"] == cure.curate.construction
+    assert chosen.training == cure.transfer.arm["half_reconstructed"].training
+    alike = {"seeds", "first_seed"}
+    assert cure.training.model_dump(exclude=alike) == study.training.model_dump(exclude=alike)
+    assert (cure.mdp, cure.evaluation) == (study.mdp, study.evaluation)

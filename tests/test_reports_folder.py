@@ -8,6 +8,7 @@ import pytest
 
 from maglev_offline.hashes import sha256_of
 from maglev_offline.recipe import load_recipe
+from maglev_offline.transfer.findings import with_tables
 
 ROOT = Path(__file__).parents[1]
 STUDIES = sorted(path.parent for path in (ROOT / "reports").glob("*/manifest.json"))
@@ -51,3 +52,17 @@ def test_the_page_is_light_and_alone(study):
     assert len(page.encode()) < 3_000_000
     assert "default-src 'none'" in page
     assert load_recipe(ROOT / "pipelines" / f"{study.name}.toml").report.title in page
+
+
+def test_the_findings_say_what_the_studies_found():
+    document = ROOT / "docs" / "findings.md"
+    text = document.read_text(encoding="utf-8")
+    assert text.count("<!-- study of ") >= 4
+    assert with_tables(text, ROOT / "reports") == text
+
+
+def test_the_picture_of_the_readme_is_that_of_the_report():
+    picture = (ROOT / "docs" / "images" / "differences.svg").read_text(encoding="utf-8")
+    drawn = picture[picture.index("<g>") : picture.rindex("</svg>")]
+    assert len(drawn) > 10_000
+    assert drawn in (ROOT / "reports" / "study" / "report.html").read_text(encoding="utf-8")

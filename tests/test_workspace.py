@@ -1,4 +1,5 @@
 import json
+import os
 import pickle
 import subprocess
 import sys
@@ -205,6 +206,17 @@ def test_a_second_process_is_told_who_holds_the_workspace(workspace):
         holder.communicate()
     with workspace.lock("run"):
         assert "maglev-offline run" in (workspace.root / ".lock").read_text()
+
+
+def test_who_holds_a_workspace_can_be_asked_and_the_dead_hold_none(workspace):
+    assert workspace.holder() is None
+    with workspace.lock("train"):
+        assert workspace.holder() == f"`maglev-offline train` (process {os.getpid()})"
+    assert workspace.holder() is None
+    (workspace.root / ".lock").write_text("`maglev-offline train` (process 7)")  # as a command leaves it that is killed
+    assert workspace.holder() is None
+    with workspace.lock("run"):
+        pass
 
 
 def test_the_lock_is_given_back_after_a_failure(workspace):

@@ -57,7 +57,7 @@ class Arenas:
         """Copies of a group's arrays: [seeds, ...] of an actor, [critics, seeds, ...] of critics."""
         members = self.nets[group]
         if group.removeprefix("slow_").startswith("actor"):
-            return {name: np.ascontiguousarray(value) for name, value in members[0].items()}
+            return {name: np.array(value, order="C") for name, value in members[0].items()}
         return {name: np.stack([member[name] for member in members]) for name in members[0]}
 
     def put(self, group: str, net: dict[str, NDArray[np.float32]]) -> None:

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import typer
 
-from maglev_offline.cli import data, learning, policies, road
+from maglev_offline.cli import data, doctor, learning, policies, road
 from maglev_offline.errors import InputError, MaglevOfflineError
 
 BAD_INPUT, STOPPED = InputError.exit_code, 130
@@ -44,7 +44,7 @@ def _root(
     pass
 
 
-for module in (data, learning, policies, road):
+for module in (data, learning, policies, road, doctor):
     module.add_commands(app)
 
 
@@ -55,7 +55,7 @@ _ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 def run() -> int:
     """Run the command line; return its exit code: 0 done, 2 bad input, 1 a failure of ours."""
     try:
-        code = app(standalone_mode=False)
+        code = app(prog_name="maglev-offline", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = STOPPED
     except Exception as error:
@@ -85,6 +85,9 @@ def _in_words(error: Exception) -> MaglevOfflineError | None:
         command = context.command_path if context else "maglev-offline"
         what = cast(Any, error).format_message().rstrip(".")
         return InputError(f"{what}.", where=command, todo=f"See `{command} --help`.")
+    if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("maglev_offline"):
+        what = f"the package {error.name} is not here, or not whole."
+        return InputError(what, todo="`maglev-offline doctor` says what is missing, and how to get it.")
     if _no_room(error):
         todo = "Make room and give the same command again: what is finished is kept."
         return MaglevOfflineError("there is no room left to write.", where=_file_of(error), todo=todo)

@@ -5,8 +5,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from maglev_offline.cli import completion
 from maglev_offline.cli.options import (
     HERE,
+    AlgoOption,
     JobsOption,
     JsonOption,
     PlantOption,
@@ -194,6 +196,7 @@ def curate(
         typer.Option(
             "--construction",
             help="raw, semi_markov, interpolated, consistent, reconstructed or simulated_next. [default: the recipe's]",
+            autocompletion=completion.one_of(completion.CONSTRUCTIONS),
         ),
     ] = None,
     balance: Annotated[
@@ -201,6 +204,7 @@ def curate(
         typer.Option(
             "--balance",
             help="cells, quantiles, inverse_density, coverage, low_cost or none. [default: the recipe's]",
+            autocompletion=completion.one_of(completion.BALANCES),
         ),
     ] = None,
     fail_on: Annotated[
@@ -231,7 +235,7 @@ def curate(
 
 
 def prefill(
-    algo: Annotated[str | None, typer.Option("--algo", help="ddpg or td3. [default: those of the recipe]")] = None,
+    algo: AlgoOption = None,
     form: Annotated[
         Literal["native", "npz", "sb3", "d3rlpy", "minari", "torchrl"],
         typer.Option("--format", help="Write it for another library too; d3rlpy and minari need the extra `exports`."),

@@ -5,8 +5,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from maglev_offline.cli import completion
 from maglev_offline.cli.options import (
     HERE,
+    AlgoOption,
     JobsOption,
     JsonOption,
     PlantOption,
@@ -27,7 +29,11 @@ FailOnTransfer = Literal["never", "negative"]
 
 EngineOption = Annotated[
     str | None,
-    typer.Option("--engine", help="auto, torch or native; auto takes native where it runs. [default: the recipe's]"),
+    typer.Option(
+        "--engine",
+        help="auto, torch or native; auto takes native where it runs. [default: the recipe's]",
+        autocompletion=completion.one_of(completion.ENGINES),
+    ),
 ]
 
 
@@ -127,9 +133,14 @@ def identify(
 
 
 def train(
-    algo: Annotated[str | None, typer.Option("--algo", help="ddpg or td3. [default: those of the recipe]")] = None,
+    algo: AlgoOption = None,
     arm: Annotated[
-        str, typer.Option("--arm", help="empty, prefill (start from the logged rows), or another of the recipe's arms.")
+        str,
+        typer.Option(
+            "--arm",
+            help="empty, prefill (start from the logged rows), or another of the recipe's arms.",
+            autocompletion=completion.arms,
+        ),
     ] = "empty",
     seeds: Seeds = None,
     steps: Steps = None,

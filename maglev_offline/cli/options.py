@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
 import typer
 
+from maglev_offline.cli import completion
+
 if TYPE_CHECKING:
     from maglev_offline.console import Talk
     from maglev_offline.recipe import Recipe
@@ -16,7 +18,12 @@ if TYPE_CHECKING:
 
 RecipeOption = Annotated[
     Path | None,
-    typer.Option("--recipe", "-r", help="Recipe (TOML). Default: the one the workspace was last given."),
+    typer.Option(
+        "--recipe",
+        "-r",
+        help="Recipe (TOML). Default: the one the workspace was last given.",
+        autocompletion=completion.recipes,
+    ),
 ]
 WorkspaceOption = Annotated[
     str,
@@ -27,6 +34,14 @@ WorkspaceOption = Annotated[
 PlantOption = Annotated[
     Path | None,
     typer.Option("--plant", help="File with the [plant] to use instead of the recipe's, as `identify` writes it."),
+]
+AlgoOption = Annotated[
+    str | None,
+    typer.Option(
+        "--algo",
+        help="ddpg or td3. [default: those of the recipe]",
+        autocompletion=completion.one_of(completion.ALGORITHMS),
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document, for scripts.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no remarks.")]
@@ -130,6 +145,6 @@ def with_options(session: Session, table: str, **given: int | float | str | list
 
 def cores(jobs: int | None) -> int:
     """The number of processes to use."""
-    import os
+    from maglev_offline.machine import usable_cores
 
-    return jobs or len(os.sched_getaffinity(0))
+    return jobs or usable_cores()

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from maglev_offline.cli import completion
 from maglev_offline.cli.options import (
     HERE,
     JsonOption,
@@ -23,8 +24,20 @@ if TYPE_CHECKING:
     from maglev_offline.policies.policy import Policy
     from maglev_offline.policies.trained import Which
 
-AlgoOption = Annotated[str | None, typer.Option("--algo", help="ddpg or td3. [default: the one that was trained]")]
-ArmOption = Annotated[str | None, typer.Option("--arm", help="empty, or prefill. [default: the one that was trained]")]
+AlgoOption = Annotated[
+    str | None,
+    typer.Option(
+        "--algo",
+        help="ddpg or td3. [default: the one that was trained]",
+        autocompletion=completion.one_of(completion.ALGORITHMS),
+    ),
+]
+ArmOption = Annotated[
+    str | None,
+    typer.Option(
+        "--arm", help="empty, or prefill. [default: the one that was trained]", autocompletion=completion.arms
+    ),
+]
 WhichOption = Annotated[
     Literal["last", "best"], typer.Option("--which", help="The actor at the end, or at the best evaluation.")
 ]
@@ -81,7 +94,11 @@ def rollout(
     out: Annotated[Path, typer.Option("--out", "-o", help="MCAP file to write.")],
     controller: Annotated[
         list[str] | None,
-        typer.Option("--controller", help="policy, pid, cascade, lqr, lqr_held, lqi or lqi_ekf; may be repeated."),
+        typer.Option(
+            "--controller",
+            help="policy, pid, cascade, lqr, lqr_held, lqi or lqi_ekf; may be repeated.",
+            autocompletion=completion.one_of(completion.CONTROLLERS),
+        ),
     ] = None,
     start_gap_mm: Annotated[
         list[float] | None, typer.Option("--start-gap-mm", help="Start at rest at this gap; may be repeated.")

@@ -14,9 +14,8 @@ import pyarrow as pa
 from maglev_offline.control.claim import Claim
 from maglev_offline.control.claims_measured import GROUPS
 from maglev_offline.errors import InputError
+from maglev_offline.markdown import table_of, with_block
 from maglev_offline.progress import SILENT, Progress
-
-BEGIN, END = "<!-- claims: begin -->", "<!-- claims: end -->"
 
 
 def claims(progress: Progress = SILENT) -> list[Claim]:
@@ -42,19 +41,13 @@ def claims_table(found: Sequence[Claim]) -> list[list[str]]:
 
 def as_markdown(found: Sequence[Claim]) -> str:
     """The table in Markdown, one line for each claim, without a line feed at its end."""
-    header, *rows = [[cell.replace("|", "\\|") for cell in row] for row in claims_table(found)]
-    return "\n".join(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *rows])
+    header, *rows = claims_table(found)
+    return table_of(header, rows)
 
 
 def with_table(text: str, table: str, where: str = "") -> str:
     """Put the Markdown `table` between the two markers in `text`."""
-    if text.count(BEGIN) != 1 or text.count(END) != 1 or text.index(BEGIN) > text.index(END):
-        raise InputError(
-            f"the table needs the lines {BEGIN} and {END}, once each and in this order.",
-            where=where,
-            todo="Add them where the table shall stand.",
-        )
-    return f"{text[: text.index(BEGIN) + len(BEGIN)]}\n\n{table}\n\n{text[text.index(END) :]}"
+    return with_block(text, "claims", table, where)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

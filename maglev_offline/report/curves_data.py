@@ -10,6 +10,7 @@ from maglev_offline.report.evidence import Artefact
 from maglev_offline.report.style import algorithm_label, arm_stroke, controller_stroke
 from maglev_offline.streams import stream
 from maglev_offline.transfer.distributions import interquartile_mean, interquartile_mean_interval
+from maglev_offline.transfer.verdict import enough_seeds
 
 DIGITS = 4
 """Significant digits of a cost on the page: no screen shows more, and the artefact has them all."""
@@ -42,7 +43,8 @@ def curves_data(
             if table.empty:
                 continue
             rng = stream(0, f"bootstrap of the curve of {algorithm} {arm} on the page")
-            lines[arm] = _summary(table.to_numpy(), confidence, rng) | {
+            cost = table.to_numpy()
+            lines[arm] = _summary(cost, confidence, rng) | {
                 "seeds": [int(seed) for seed in table.index],
                 "blocks": [homes.get((str(algorithm), arm, int(seed)), -1) for seed in table.index],
             }
@@ -74,9 +76,11 @@ def _homes(blocks: Sequence[Artefact]) -> dict[tuple[str, str, int], int]:
 
 
 def _summary(cost: np.ndarray, confidence: float, rng: np.random.Generator) -> dict[str, Any]:
-    """The numbers of one arm; `cost` [seeds, evaluations]."""
+    """The numbers of one arm; `cost` [seeds, evaluations]. So few seeds as have no interval in a verdict have none."""
     middle = [interquartile_mean(column) for column in cost.T]
-    ends = [interquartile_mean_interval(column, confidence, RESAMPLES, rng) for column in cost.T]
+    ends = [(np.nan, np.nan)] * cost.shape[1]
+    if enough_seeds(len(cost), confidence):
+        ends = [interquartile_mean_interval(column, confidence, RESAMPLES, rng) for column in cost.T]
     return {
         "middle": [_short(value) for value in middle],
         "low": [_short(low) for low, _ in ends],

@@ -1,5 +1,6 @@
 """All artefacts of a workspace as the report reads them; what is not there is None, never made up."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -144,6 +145,19 @@ class Evidence:
             other = [f"[{table}]" for table, value in made.items() if table in wanted and value != wanted[table]]
             if other:
                 found.append(f"{name} ({', '.join(other)})")
+        return found + self._foreign_periods(recipe)
+
+    def _foreign_periods(self, recipe: Mapping[str, Any]) -> list[str]:
+        """Studies at other periods with another number of seeds than the recipe asks for, or that it does not name."""
+        asked = recipe.get("transfer", {})
+        seeds = recipe.get("training", {}).get("seeds")
+        wanted = min(filter(None, [asked.get("other_periods_seeds"), seeds]), default=None)
+        found = []
+        for period, evidence in self.periods.items():
+            study = evidence.get("transfer")
+            named = float(period.removesuffix("ms")) in asked.get("control_periods_ms", [])
+            if study is not None and (not named or study.manifest.settings["training"]["seeds"] != wanted):
+                found.append(f"{WITHIN}/{period}/transfer ({'[training] seeds' if named else 'no period of it'})")
         return found
 
     def stale(self) -> list[str]:
@@ -162,7 +176,8 @@ def _training_of(block: Artefact) -> Any:
 
 def _of_arm(recipe: Mapping[str, Any], arm: str) -> dict[str, Any]:
     """The recipe with what it says differs in training in that arm."""
-    own = recipe.get("transfer", {}).get("arm", {}).get(arm, {}).get("training", {})
+    arms = recipe.get("transfer", {}).get("arm", {})
+    own = arms.get(arm, arms.get(arm.partition("-without-")[0], {})).get("training", {})
     return {**recipe, "training": {**recipe.get("training", {}), **own}} if own else dict(recipe)
 
 
@@ -192,6 +207,9 @@ WITHIN = "periods"
 """Folder of workspaces of their own (see transfer/periods.py), whose artefacts are not this one's."""
 
 
+PERIOD = re.compile(r"\d+(\.\d+)?(e[+-]?\d+)?ms")
+
+
 def gather(workspace: Workspace) -> Evidence:
     """Read the manifests of all artefacts in the workspace, and in those that it holds for other control periods.
 
@@ -199,8 +217,8 @@ def gather(workspace: Workspace) -> Evidence:
     ------
     ArtefactError: a manifest is damaged.
     """
-    homes = sorted(path for path in workspace.path(WITHIN).glob("*") if path.is_dir())
-    # Numbers of milliseconds in order of size, from the longest.
+    # Numbers of milliseconds in order of size, from the longest; other folders are none of ours.
+    homes = [path for path in workspace.path(WITHIN).glob("*") if path.is_dir() and PERIOD.fullmatch(path.name)]
     homes.sort(key=lambda path: -float(path.name.removesuffix("ms")))
     return Evidence(_artefacts(workspace.root), {path.name: Evidence(_artefacts(path)) for path in homes})
 

@@ -25,6 +25,10 @@ MOST_VECTOR_POINTS = 8_000
 """Arms with more points than this have their single seeds drawn as pixels, so that the page stays small."""
 
 
+MOST_IN_A_ROW = 8
+"""A legend with more names than this goes over two rows, or it leaves the figure."""
+
+
 def regulation_figure(
     classical: pd.DataFrame | None,
     agents: pd.DataFrame | None,
@@ -94,7 +98,9 @@ def legend_above(figure: Figure, strokes: Sequence[Stroke], *, set_point: bool =
     handles = [Line2D([], [], color=s.colour, linestyle=s.dash, linewidth=1.8, label=s.label) for s in strokes]
     if set_point:
         handles.append(Line2D([], [], color=SOFT, linewidth=0.9, linestyle=":", label="set-point"))
-    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), handlelength=2.6, columnspacing=1.6)
+    rows = -(-len(handles) // MOST_IN_A_ROW)
+    columns = -(-len(handles) // rows)
+    figure.legend(handles=handles, loc="outside upper left", ncols=columns, handlelength=2.6, columnspacing=1.6)
 
 
 def _draw_classical(ax: Axes, responses: pd.DataFrame, signal: str, scale: float) -> None:

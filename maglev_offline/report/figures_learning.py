@@ -100,7 +100,7 @@ def _draw_arm(ax: Axes, part: pd.DataFrame, arm: str, arms: list[str]) -> None:
 def forest_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Paired differences with their intervals, as a share of the empty arm's mean, so that all metrics share one axis.
 
-    A point to the right of zero means that prefill helps. The grey box of a row is the margin within which its
+    A point to the right of zero means that the arm's rows help. The grey box of a row is the margin within which its
     difference does not matter.
     """
     with figure_style():
@@ -131,7 +131,7 @@ def forest_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         gap = "\u2003" * 2
         scale = _symmetric(ax, min(margins, default=0.0))
         what = f"difference, % of the mean with an empty buffer{scale}"
-        ax.set_xlabel(f"← prefill harms{gap}{what}{gap}prefill helps →")
+        ax.set_xlabel(f"← the rows harm{gap}{what}{gap}the rows help →")
         ax.xaxis.label.set_color(SOFT)
     return figure
 

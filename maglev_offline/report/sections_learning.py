@@ -111,7 +111,7 @@ def _left_out(arms: Sequence[str], drawn: Sequence[str]) -> str:
     if len(drawn) == len(arms):
         return ""
     names = listing([arm_stroke(arm, arms).label for arm in drawn])
-    return f" (of {len(arms)} arms, {names}: the last is the one whose mean difference is best)"
+    return f" (of {len(arms)} arms, {names}: the baseline, the logged rows, and the best by the mean difference)"
 
 
 def _regulation_table(evidence: Evidence, agents: pd.DataFrame | None, arms: Sequence[str]) -> Table:

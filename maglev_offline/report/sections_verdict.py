@@ -27,7 +27,7 @@ def verdict_section(evidence: Evidence, *, trains: bool = True) -> Section:
     rows = figures_learning.forest_rows(facts, arms)
     if rows:
         caption = (
-            f"Difference between the arms, paired by seed (empty minus prefilled), with its "
+            f"Difference between the arms, paired by seed (empty minus the other), with its "
             f"{percent(settings['confidence'])} bootstrap interval, in per cent of the mean with an empty buffer; on "
             f"the right in the metric’s own unit. "
             f"Grey: the margin within which a difference does not matter, {percent(settings['equivalence_share'])} of "
@@ -39,13 +39,14 @@ def verdict_section(evidence: Evidence, *, trains: bool = True) -> Section:
         )
         section.blocks.append(Plot("forest", figures_learning.forest_figure(rows), caption, label, (TRANSFER,)))
     for algorithm, found in facts["algorithms"].items():
-        section.blocks += [_effects_table(algorithm, arm, found) for arm in arms if arm in found["effects"]]
+        section.blocks += [_effects_table(algorithm, arm, facts) for arm in arms if arm in found["effects"]]
     section.blocks += [_arms_table(facts), Points(_notes(study))]
     return section
 
 
-def _effects_table(algorithm: str, arm: str, found: Mapping[str, Any]) -> Table:
+def _effects_table(algorithm: str, arm: str, facts: Mapping[str, Any]) -> Table:
     rows, marks = [], []
+    found = facts["algorithms"][algorithm]
     for metric, effect in figures_learning.sorted_metrics(found["effects"][arm]):
         rows.append(
             [
@@ -58,7 +59,7 @@ def _effects_table(algorithm: str, arm: str, found: Mapping[str, Any]) -> Table:
                 number(effect["p_value_holm"]),
                 number(effect["detectable"]),
                 number(effect["margin"]),
-                words.VERDICT_WORDS[effect["verdict"]],
+                words.verdict_words(facts, arm, effect["verdict"]),
             ]
         )
         marks.append(effect["verdict"])

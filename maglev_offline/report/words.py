@@ -14,7 +14,7 @@ METRIC_WORDS = {
 }
 """What each metric measures; all of them are better when smaller."""
 
-DIRECTION = "Differences are empty minus prefilled buffer, of costs and steps: a negative one means harm."
+DIRECTION = "Differences are empty buffer minus the other, of costs and steps: a negative one means harm."
 
 METRIC_NAMES = {name: name.replace("_", " ") for name in METRIC_WORDS}
 
@@ -24,6 +24,9 @@ VERDICT_WORDS = {
     "equivalent": "equivalent",
     "inconclusive": "inconclusive",
 }
+
+CONTROL_WORDS = VERDICT_WORDS | {"positive": "better", "negative": "worse"}
+"""The same of arms whose rows are no logs': what they do is no transfer from logs."""
 
 REASONS = {
     "not_decodable": "The payload could not be read.",
@@ -61,19 +64,34 @@ def arm_words(arm: str, rows: int | None) -> str:
     return f"the arm “{arm}”"
 
 
+def logged_arms(verdict: Mapping[str, Any]) -> list[str]:
+    """The arms that start with rows of logs: `prefill` alone where there is one, since the question is about it."""
+    if "prefill" in verdict["arms"]:
+        return ["prefill"]
+    return [arm for arm in verdict["arms"] if verdict["rows"].get(arm, {}).get("rows_from") == "log"]
+
+
+def verdict_words(verdict: Mapping[str, Any], arm: str, outcome: str) -> str:
+    """An outcome in words: transfer where the arm's rows are of logs, better or worse where they are not."""
+    logged = verdict["rows"].get(arm, {}).get("rows_from") == "log"
+    return (VERDICT_WORDS if logged else CONTROL_WORDS)[outcome]
+
+
 def headline(verdict: Mapping[str, Any]) -> str:
     """Say in a line or two what prefill does, and which algorithms have not learned their task anyway."""
     groups: dict[str, list[str]] = {}
-    primary = verdict["primary_metric"]
+    primary, logged = verdict["primary_metric"], logged_arms(verdict)
+    if not logged:
+        return "No arm of this study starts with rows of logs, so that it says nothing of prefill with logged data."
     for algorithm, found in verdict["algorithms"].items():
         # A primary metric that says nothing (see `_telling`) has established nothing.
-        # Other arms than the logged rows are controls and cures: what they do is not what prefill does.
-        arms = ["prefill"] if "prefill" in found["effects"] else list(found["effects"])
-        telling = [_telling(found, arm) for arm in arms]
+        # Arms whose rows are no logs' are controls: what they do is not what prefill does.
+        telling = [_telling(found, arm) for arm in logged if arm in found["effects"]]
         words = [effects[primary]["verdict"] if primary in effects else "inconclusive" for effects in telling]
         groups.setdefault(_outcome(words), []).append(algorithm_label(algorithm))
     parts = [outcome.format(listing(names)) for outcome, names in groups.items()]
-    text = f"Judged by {METRIC_WORDS[primary]}, prefill with logged data {listing(parts)}." if parts else ""
+    named = "" if logged == ["prefill"] else f" ({listing([f'“{arm}”' for arm in logged])})"
+    text = f"Judged by {METRIC_WORDS[primary]}, prefill with logged data{named} {listing(parts)}." if parts else ""
     failing = [algorithm_label(name) for name, found in verdict["algorithms"].items() if not has_learned(found)]
     if failing:
         if len(failing) == len(verdict["algorithms"]) == 2:

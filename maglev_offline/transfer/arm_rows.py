@@ -151,6 +151,7 @@ def facts_of_rows(workspace: Workspace, plans: list[Plan], world: World, sources
         table = read_transitions(folder)
         found[plan.name] = {
             "rows_from": plan.rows,
+            "artefact": folder.relative_to(workspace.root).as_posix(),
             "rows": len(table),
             "construction": Manifest.read(folder).facts.get("construction"),
             "diagnostic": diagnose(table, world.plant, world.mdp, sources.curate.seed).plain(),

@@ -1,11 +1,10 @@
 """Does the target-error diagnostic, known before any training, foretell what a prefill does?"""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from maglev_offline.agents.settings import Algorithm
 
@@ -14,42 +13,66 @@ Array = NDArray[np.float64]
 NUMBERS = ("error_over_advantage_std", "correlation_with_advantage")
 """What of a diagnostic is held against the outcome."""
 
-LEAST_ARMS = 4
-"""Of fewer arms a rank correlation says nothing."""
+LEAST_GROUPS = 4
+"""Of fewer groups of arms a rank correlation says nothing."""
 
 
 class Foretold(NamedTuple):
-    """Spearman's rank correlation of one number of the diagnostic with the outcome, over `arms`; None: too few."""
+    """Spearman's rank correlation of one number of the diagnostic with the outcome, over `arms`; None: too few.
+
+    `groups`: how many groups of arms the interval is over; arms that share their rows are one.
+    """
 
     rank_correlation: float | None
     interval: tuple[float, float] | None
     arms: int
+    groups: int
 
 
 def rank_correlation(
-    number: Array, outcome: Array, confidence: float, resamples: int, rng: np.random.Generator
+    number: Array,
+    outcome: Array,
+    confidence: float,
+    resamples: int,
+    rng: np.random.Generator,
+    groups: Sequence[str] | None = None,
 ) -> Foretold:
-    """Correlate over arms [n], with a percentile bootstrap interval over arms.
+    """Correlate over arms [n], with a percentile bootstrap interval that draws groups of arms (each its own if None).
 
-    Resamples in which one side does not vary have no rank correlation and are left out.
+    Arms that share their rows foretell as one, however many they are. Resamples in which one side does not vary have no
+    rank correlation and are left out.
     """
     n = len(number)
-    if n < LEAST_ARMS or np.ptp(number) == 0 or np.ptp(outcome) == 0:
-        return Foretold(None, None, n)
-    draws = rng.integers(0, n, (resamples, n))
-    vary = (np.ptp(number[draws], axis=1) > 0) & (np.ptp(outcome[draws], axis=1) > 0)
-    found = _spearman(number[draws[vary]], outcome[draws[vary]])
-    low, high = np.quantile(found, [(1 - confidence) / 2, (1 + confidence) / 2])
-    whole = float(_spearman(number[None], outcome[None])[0])
-    return Foretold(whole, (float(low), float(high)), n)
+    names, member = np.unique(np.arange(n).astype(str) if groups is None else groups, return_inverse=True)
+    many = len(names)
+    if many < LEAST_GROUPS or np.ptp(number) == 0 or np.ptp(outcome) == 0:
+        return Foretold(None, None, n, many)
+    draws = rng.multinomial(many, np.full(many, 1 / many), resamples)[:, member].astype(np.float64)
+    found = _spearman(number, outcome, draws)
+    low, high = np.nanquantile(found, [(1 - confidence) / 2, (1 + confidence) / 2])
+    whole = float(_spearman(number, outcome, np.ones((1, n)))[0])
+    return Foretold(whole, (float(low), float(high)), n, many)
 
 
-def _spearman(a: Array, b: Array) -> Array:
-    """Rank correlations of the rows of `a` and `b` [m, n]."""
-    ranks = [stats.rankdata(x, axis=1) for x in (a, b)]
-    x, y = (rank - rank.mean(axis=1, keepdims=True) for rank in ranks)
-    found: Array = (x * y).sum(axis=1) / np.sqrt((x**2).sum(axis=1) * (y**2).sum(axis=1))
+def _spearman(a: Array, b: Array, weight: Array) -> Array:
+    """Rank correlations of `a` with `b` [n] in samples that hold each pair `weight` [m, n] times; NaN: no variation."""
+    x, y = (_ranks(values, weight) for values in (a, b))
+    total = weight.sum(axis=1, keepdims=True)
+    x, y = (rank - (weight * rank).sum(axis=1, keepdims=True) / total for rank in (x, y))
+    spread = (weight * x**2).sum(axis=1) * (weight * y**2).sum(axis=1)
+    known = spread > 1e-9
+    found: Array = np.full(len(weight), np.nan)
+    found[known] = (weight * x * y).sum(axis=1)[known] / np.sqrt(spread[known])
     return found
+
+
+def _ranks(values: Array, weight: Array) -> Array:
+    """The ranks [m, n] of `values` [n] in samples that hold each `weight` [m, n] times; equal ones share their mean."""
+    distinct, place = np.unique(values, return_inverse=True)
+    held = weight @ np.eye(len(distinct))[place]
+    middle = held.cumsum(axis=1) - held + (held + 1) / 2
+    ranks: Array = middle[:, place]
+    return ranks
 
 
 def calibration(pairs: list[tuple[str, str]]) -> dict[str, dict[str, int]]:
@@ -68,11 +91,13 @@ def foretelling(
     confidence: float,
     resamples: int,
     rng: np.random.Generator,
+    groups: Mapping[str, str],
 ) -> dict[str, Any]:
     """Hold the diagnostic of each arm's rows (`rows`, by arm) against the effect on `metric`, by algorithm.
 
-    Arms whose diagnostic has no number are left out. A good foreteller has an error that correlates negatively with
-    the difference (empty minus arm), and a correlation that correlates positively.
+    `groups`: by arm, what it shares its rows with. Arms whose diagnostic has no number are left out. A good
+    foreteller has an error that correlates negatively with the difference (empty minus arm), and a correlation that
+    correlates positively.
     """
     found: dict[str, Any] = {"metric": metric, "algorithms": {}, "calibration": {}}
     pairs = []
@@ -85,9 +110,9 @@ def foretelling(
         pairs += [(before["verdict"], after["verdict"]) for before, after in judged.values()]
         found["algorithms"][algorithm] = {}
         for name in NUMBERS:
-            points = [(b[name], a["difference"]) for b, a in judged.values() if b[name] is not None]
-            number, outcome = np.array(points, dtype=np.float64).reshape(-1, 2).T
-            told = rank_correlation(number, outcome, confidence, resamples, rng)
+            points = {arm: (b[name], a["difference"]) for arm, (b, a) in judged.items() if b[name] is not None}
+            number, outcome = np.array(list(points.values()), dtype=np.float64).reshape(-1, 2).T
+            told = rank_correlation(number, outcome, confidence, resamples, rng, [groups[arm] for arm in points])
             found["algorithms"][algorithm][name] = told._asdict()
     found["calibration"] = calibration(pairs)
     return found

@@ -17,13 +17,15 @@ class ArmSettings(Settings):
     `rows`: what the buffer starts with. `log`: the curated transitions; `shuffled`: the same, each with the voltage of
     another one; `random_policy`, `pid`: as many rows of that policy in the simulator; `nothing`: an empty buffer.
     `curate` and `training`: keys of those tables that are others in this arm. `cure`: it is a candidate for a prefill
-    that helps, the best of which is chosen on half of the seeds and confirmed on the others.
+    that helps, the best of which is chosen on half of the seeds and confirmed on the others. `against`: other arms that
+    it is held against, too.
     """
 
     rows: RowsFrom = "log"
     curate: dict[str, Any] = Field(default_factory=dict)
     training: dict[str, Any] = Field(default_factory=dict)
     cure: bool = False
+    against: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _curates_what_there_is(self) -> "ArmSettings":
@@ -95,6 +97,9 @@ class TransferSettings(Settings):
         for name in self.arms:
             if name not in self.known_arms:
                 raise ValueError(f"there is no arm {name!r}, only {', '.join(self.known_arms)}")
+            for other in self.known_arms[name].against:
+                if other not in self.arms:
+                    raise ValueError(f"the arm {name!r} is to be held against {other!r}, which is none of the arms")
         if self.attribution and self.attributed not in self.arms:
             raise ValueError(f"attributed = {self.attributed!r} is none of the arms, {list(self.arms)}")
         if self.attribution and self.known_arms[self.attributed].rows != "log":

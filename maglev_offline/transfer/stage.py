@@ -1,6 +1,6 @@
 """The stage: train the arms, compare them seed by seed, and say whether prefill helps or harms."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from maglev_offline.progress import SILENT, Progress
 from maglev_offline.replay.prefill import read_transitions
 from maglev_offline.streams import stream
 from maglev_offline.tables import write_parquet
+from maglev_offline.transfer.against import held_against, pairs_of
 from maglev_offline.transfer.arm_rows import Sources, facts_of_rows, prefill_of, transitions_of
 from maglev_offline.transfer.arms import Plan, plan_of
 from maglev_offline.transfer.attribution import Part, attribute, parts_of, plan_without
@@ -23,7 +24,7 @@ from maglev_offline.transfer.settings import TransferSettings
 from maglev_offline.transfer.verdict import enough_seeds
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash
 
-STATISTICS = "BCa, expanded; Holm of exact signs"
+STATISTICS = "BCa, expanded; Holm of exact signs; foretold by groups"
 """How differences are judged; part of the fingerprint, so that a verdict of another rule is judged again."""
 
 
@@ -94,15 +95,8 @@ def run_transfer(
     judged = judge_curves(curves, world, settings, sources.control)
     facts = judged.facts | {"rows": facts_of_rows(workspace, plans, world, sources)}
     _tell(facts, settings, world, progress)
-    cures = candidates_of(settings)
-    if cures:
-        facts["cure"] = confirmed_cures(judged.table, cures, settings, judged.margins, world.training.algorithms)
+    facts |= _asked_for(judged, settings, world.training.algorithms, parted)
     facts["foretelling"] = _foretold(facts, judged, settings)
-    if parted is not None:
-        whole, parts = parted
-        facts["attribution"] = attribute(
-            judged.table, parts, whole.name, settings, judged.margins, world.training.algorithms
-        )
     manifest = Manifest("transfer", mark, inputs)
     manifest.settings = {
         "transfer": settings.model_dump(mode="json"),
@@ -114,6 +108,25 @@ def run_transfer(
         for name, part in (("curves", curves), ("metrics", judged.table)):
             write_parquet(part, draft / f"{name}.parquet")
     return home, True
+
+
+def _asked_for(
+    judged: Judgement,
+    settings: TransferSettings,
+    algorithms: Sequence[Algorithm],
+    parted: tuple[Plan, list[Part]] | None,
+) -> dict[str, Any]:
+    """The findings that the recipe asks for beside the effects: cures, arms against each other, parts of the rows."""
+    found, cures = {}, candidates_of(settings)
+    table, margins = judged.table, judged.margins
+    if cures:
+        found["cure"] = confirmed_cures(table, cures, settings, margins, algorithms)
+    if pairs_of(settings):
+        found["against"] = held_against(table, settings, margins, algorithms)
+    if parted is not None:
+        whole, parts = parted
+        found["attribution"] = attribute(table, parts, whole.name, settings, margins, algorithms)
+    return found
 
 
 def _tell(facts: Mapping[str, Any], settings: TransferSettings, world: World, progress: Progress) -> None:
@@ -139,7 +152,11 @@ def _foretold(facts: dict[str, Any], judged: Judgement, settings: TransferSettin
         for algorithm, found in facts["algorithms"].items()
     }
     rng = stream(settings.seed, "bootstrap foretelling")
-    return foretelling(facts["rows"], effects, settings.primary_metric, settings.confidence, settings.resamples, rng)
+    groups = {arm: found["artefact"] for arm, found in facts["rows"].items()}
+    # What is left of the attributed arm's rows without a part of them is no other log.
+    groups |= {arm: groups[settings.attributed] for arm in groups if arm not in settings.arms}
+    rows, metric = facts["rows"], settings.primary_metric
+    return foretelling(rows, effects, metric, settings.confidence, settings.resamples, rng, groups)
 
 
 def _check_windows(world: World, settings: TransferSettings) -> None:

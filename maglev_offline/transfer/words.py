@@ -92,7 +92,13 @@ def finding_lines(facts: Facts) -> list[str]:
         for part in facts.get("attribution", {}).get("parts", [])
         if part["holds_after_holm"] and part["meaning"] in ("harms", "helps")
     ]
+    lines += [
+        f"{told['algorithm']}: {told['arm']} against {told['against']}: {told['verdict']}"
+        for told in facts.get("against", {}).get("comparisons", [])
+    ]
     for algorithm, cure in facts.get("cure", {}).get("algorithms", {}).items():
+        if cure["confirmed"]["low"] is None:  # too few seeds are left to confirm anything
+            continue
         lines.append(
             f"{algorithm}: the best cure, {cure['chosen']}, is {cure['confirmed']['verdict']} on the other seeds"
         )

@@ -382,3 +382,13 @@ def test_a_prefill_that_cannot_be_used_is_refused():
     spoilt[3, 4] = np.inf
     with pytest.raises(InputError, match="not finite"):
         native(rows=spoilt)
+
+
+def test_what_a_lone_seed_gives_out_does_not_learn_on():
+    settings = TrainingSettings(steps=40, exploratory_steps=20, batch_size=8, hidden=(8, 8))
+    learner = NativeLearner("td3", [0], Plant(), Mdp(), settings)
+    given = learner.actors()
+    first = {name: values.copy() for name, values in given.items()}
+    learner.advance(40)
+    assert all(np.array_equal(given[name], values) for name, values in first.items())
+    assert not all(np.array_equal(learner.actors()[name], values) for name, values in first.items())

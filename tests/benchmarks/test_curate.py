@@ -8,6 +8,8 @@ import pytest
 
 from maglev_offline.curate.balance import BALANCES
 
+pytestmark = pytest.mark.nightly
+
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "curate.py"
 
 

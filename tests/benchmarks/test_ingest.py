@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+pytestmark = pytest.mark.nightly
+
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 MESSAGES = 900
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.nightly
+
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "simulation.py"
 TINY = ("--episodes", "12", "--steps", "20", "--peer-episodes", "2", "--rounds", "2")
 PEERS = ["gymnasium, one env", "solve_ivp, one by one"]

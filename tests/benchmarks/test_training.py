@@ -13,6 +13,8 @@ import torch
 import maglev_offline.env  # noqa: F401
 from maglev_offline.agents.settings import TrainingSettings
 
+pytestmark = pytest.mark.nightly
+
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
 

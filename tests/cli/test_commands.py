@@ -8,6 +8,7 @@ from maglev_offline.cli import app
 
 COMMANDS = [
     "surrogate", "inspect", "ingest", "curate", "prefill", "control", "train", "transfer", "card", "report", "run",
+    "doctor",
 ]  # fmt: skip
 
 

@@ -10,8 +10,6 @@ from maglev_offline.control import claims as module
 from maglev_offline.control import claims_measured as measured
 from maglev_offline.control.claim import Claim
 from maglev_offline.control.claims import (
-    BEGIN,
-    END,
     as_markdown,
     claims,
     claims_table,
@@ -27,7 +25,13 @@ ONE = Claim("II", "a | b", "1", "2", "not reproduced", "here", "10 %")
 
 def documented() -> list[Claim]:
     """The claims as the document states them; that the code states the same is the first test's affair."""
-    lines = FINDINGS.read_text(encoding="utf-8").split(BEGIN)[1].split(END)[0].strip().split("\n")[2:]
+    lines = (
+        FINDINGS.read_text(encoding="utf-8")
+        .split("<!-- claims: begin -->")[1]
+        .split("<!-- claims: end -->")[0]
+        .strip()
+        .split("\n")[2:]
+    )
     return [Claim(*line.strip("| ").split(" | ")) for line in lines]  # type: ignore[arg-type]
 
 

@@ -17,6 +17,8 @@ from maglev_offline.ingest.store import ingest_logs
 from maglev_offline.logs.surrogate import generate
 from maglev_offline.logs.surrogate_settings import SurrogateSettings
 from maglev_offline.recipe import Recipe
+from maglev_offline.report.settings import ReportSettings
+from maglev_offline.report.stage import build_report
 from maglev_offline.transfer.settings import TransferSettings
 from maglev_offline.transfer.stage import run_transfer
 from maglev_offline.workspace import Workspace
@@ -51,6 +53,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_control(workspace, plant=recipe.plant, mdp=recipe.mdp, settings=recipe.control)
     run_transfer(workspace, recipe.world, recipe.transfer, recipe.sources)
     return workspace.root
+
+
+@pytest.fixture(scope="session")
+def reported(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Workspace:
+    """A copy of the finished workspace with its report, all figures drawn, to look at only."""
+    workspace = Workspace(Path(shutil.copytree(made, tmp_path_factory.mktemp("page") / "workspace")))
+    _, fresh = build_report(workspace, ReportSettings(), RECIPE.plain(), RECIPE.name)
+    assert fresh
+    return workspace
 
 
 @pytest.fixture

@@ -5,141 +5,134 @@ import re
 import shutil
 import subprocess
 from html import unescape
-from pathlib import Path
 
 import pytest
 
-from maglev_offline.report.settings import ReportSettings
-from maglev_offline.report.stage import PAGE, build_report
-from maglev_offline.workspace import Workspace
+from maglev_offline.report.stage import PAGE
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="there is no chromium here to open the page in")
 
-TOOLS = """
+HAND = """
 const live = document.querySelector(".live");
 const panel = live.querySelector(".panel");
+const drawing = panel.querySelector("svg");
+drawing.setPointerCapture = () => {}; // made-up events have no pointer to capture
 const lines = () => [...live.querySelectorAll("[data-arm]")].map((line) => line.dataset.arm);
+const paths = () => live.querySelectorAll(".panel path").length;
 const ends = () => [Number(live.dataset.from), Number(live.dataset.to)];
 const press = (key) => panel.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
 const point = (kind, share) => {
-  const seen = panel.querySelector("svg").getBoundingClientRect();
-  panel.querySelector("svg").dispatchEvent(new PointerEvent(kind,
+  const seen = drawing.getBoundingClientRect();
+  drawing.dispatchEvent(new PointerEvent(kind,
     { clientX: seen.left + share * seen.width, clientY: seen.top + 0.5 * seen.height, bubbles: true }));
 };
 const box = (text) =>
   [...live.querySelectorAll("label")].find((one) => one.textContent.includes(text)).querySelector("input");
 const button = (text) => [...live.querySelectorAll("button")].find((one) => one.textContent === text);
-const said = {};
+const said = { role: panel.getAttribute("role"), all_arms: lines() };
+
+box("prefilled").click(); said.one_arm = lines();
+button("none").click(); said.no_arm = lines();
+button("all").click(); said.arms_again = lines();
+
+press("Home"); said.first = panel.getAttribute("aria-valuetext");
+press("ArrowRight"); said.second = panel.getAttribute("aria-valuenow");
+press("+"); said.closer = ends();
+press("-"); said.out_again = ends();
+press("Escape"); said.whole = ends();
+
+point("pointermove", 0.5); said.at = Number(live.dataset.at);
+point("pointerdown", 0.4); point("pointermove", 0.6); point("pointerup", 0.8); said.dragged = ends();
+drawing.dispatchEvent(new MouseEvent("dblclick")); said.whole_again = ends();
+
+said.bands = paths();
+box("every run").click(); said.runs = paths();
+point("pointermove", 0.5); said.nearest = live.querySelector(".nearby").textContent;
+
+const page = document.documentElement;
+said.over = [400, 1100].flatMap((width) => {
+  page.style.width = `${width}px`; // a headless window has a least width of its own
+  const edge = page.getBoundingClientRect().right + 1;
+  const over = [...live.querySelectorAll("*")].filter((one) => one.getBoundingClientRect().right > edge);
+  return over.map((one) => one.outerHTML);
+});
+said.asked = performance.getEntriesByType("resource").map((one) => one.name);
+const told = { id: "said", textContent: JSON.stringify(said) };
+document.body.append(Object.assign(document.createElement("output"), told));
 """
 
 
+def opened(text, home):
+    """What the browser makes of a page, and its own log."""
+    copy = home / "page.html"
+    copy.write_text(text, encoding="utf-8")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={home}/profile"]
+    command += ["--enable-logging=stderr", "--window-size=1100,900", "--dump-dom", copy.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return done.stdout, done.stderr
+
+
 @pytest.fixture(scope="module")
-def page(made, recipe, tmp_path_factory):
-    workspace = Workspace(Path(shutil.copytree(made, tmp_path_factory.mktemp("live") / "workspace")))
-    build_report(workspace, ReportSettings(), recipe.plain(), recipe.name)
-    return workspace.path("report", PAGE)
+def text(reported):
+    return reported.path("report", PAGE).read_text(encoding="utf-8")
 
 
-@pytest.fixture
-def asked(page, tmp_path):
-    """Open the page, do what the script says, and return what it wrote into `said`, and the browser's own log."""
-
-    def run(script: str, width: int = 1100) -> tuple[dict[str, object], str]:
-        text = page.read_text(encoding="utf-8")
-        if script:  # for the hand of the test, which the page's policy does not let in
-            text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
-            told = 'document.body.append(Object.assign(document.createElement("output"), '
-            told += '{ id: "said", textContent: JSON.stringify(said) }));'
-            text = text.replace("</body>", f"<script>{TOOLS}{script};{told}</script></body>")
-        copy = tmp_path / "page.html"
-        copy.write_text(text, encoding="utf-8")
-        command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}/profile"]
-        command += ["--enable-logging=stderr", f"--window-size={width},900", "--dump-dom", copy.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-        if not script:
-            return {"dom": done.stdout}, done.stderr
-        found = re.search(r'<output id="said">(.*?)</output>', done.stdout, re.S)
-        assert found is not None, done.stderr
-        return json.loads(unescape(found[1])), done.stderr
-
-    return run
+@pytest.fixture(scope="module")
+def said(text, tmp_path_factory):
+    """What the curves said while a hand went over them."""
+    # The hand of the test is no script that the page's policy lets in.
+    free = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
+    dom, log = opened(free.replace("</body>", f"<script>{HAND}</script></body>"), tmp_path_factory.mktemp("hand"))
+    found = re.search(r'<output id="said">(.*?)</output>', dom, re.S)
+    assert found is not None, log
+    return json.loads(unescape(found[1]))
 
 
-def test_the_page_as_it_is_draws_its_curves_without_an_error(asked):
-    found, log = asked("")
-    assert found["dom"].count('class="panel"') == 2
-    assert found["dom"].count('data-arm="prefill"') == 2
+def test_the_page_as_it_is_draws_its_curves_without_an_error(text, tmp_path):
+    dom, log = opened(text, tmp_path)
+    assert dom.count('class="panel"') == 2
+    assert dom.count('data-arm="prefill"') == 2
     assert "CONSOLE" not in log
 
 
-def test_nothing_is_asked_for_outside_the_page(asked):
-    found, _ = asked('said.asked = performance.getEntriesByType("resource").map((one) => one.name)')
-    assert found["asked"] == []
+def test_nothing_is_asked_for_outside_the_page(said):
+    assert said["asked"] == []
 
 
-def test_boxes_choose_the_arms(asked):
-    found, _ = asked(
-        'said.all = lines(); box("prefilled").click(); said.one = lines(); button("none").click(); said.none = lines();'
-        'button("all").click(); said.back = lines()'
-    )
-    assert found["all"] == found["back"] == ["empty", "prefill"] * 2
-    assert found["one"] == ["empty"] * 2
-    assert found["none"] == []
+def test_boxes_choose_the_arms(said):
+    assert said["all_arms"] == said["arms_again"] == ["empty", "prefill"] * 2
+    assert said["one_arm"] == ["empty"] * 2
+    assert said["no_arm"] == []
 
 
-def test_keys_read_the_curves_aloud_and_zoom(asked):
-    found, _ = asked(
-        'press("Home"); said.first = panel.getAttribute("aria-valuetext"); press("ArrowRight");'
-        'said.second = panel.getAttribute("aria-valuenow"); press("+"); said.closer = ends();'
-        'press("Escape"); said.all = ends();'
-        "said.role = panel.getAttribute('role')"
-    )
-    assert found["role"] == "slider"
-    assert re.match(r"0 steps: empty buffer [\d.]+ \([\d.]+ to [\d.]+\); prefilled buffer", found["first"])
-    assert found["second"] == "1"
-    assert found["closer"][1] - found["closer"][0] < 400
-    assert found["all"] == [0, 400]
+def test_keys_read_the_curves_aloud_and_zoom(said):
+    assert said["role"] == "slider"
+    assert re.match(r"0 steps: empty buffer [\d.]+; prefilled buffer [\d.]+$", said["first"])  # 3 seeds, no interval
+    assert said["second"] == "1"
+    low, high = said["closer"]
+    assert 0 < high - low < 400
+    assert said["out_again"] == said["whole"] == [0, 400]
 
 
-def test_a_drag_zooms_and_two_clicks_show_all(asked):
-    found, _ = asked(
-        'point("pointermove", 0.5); said.at = Number(live.dataset.at); point("pointerdown", 0.4);'
-        'point("pointermove", 0.6); point("pointerup", 0.8); said.near = ends();'
-        'panel.querySelector("svg").dispatchEvent(new MouseEvent("dblclick"));'
-        "said.all = ends()"
-    )
-    assert 100 <= found["at"] <= 250
-    low, high = found["near"]
+def test_a_drag_zooms_and_two_clicks_show_all(said):
+    assert 100 <= said["at"] <= 250
+    low, high = said["dragged"]
     assert 100 < low < 200
     assert 270 < high < 360
-    assert found["all"] == [0, 400]
+    assert said["whole_again"] == [0, 400]
 
 
-def test_every_run_is_drawn_when_asked_and_the_nearest_is_named_with_its_artefact(asked, page):
-    found, _ = asked(
-        'const count = () => live.querySelectorAll(".panel path").length; said.before = count();'
-        'box("every run").click();'
-        'said.after = count(); point("pointermove", 0.5); said.run = live.querySelector(".nearby").textContent'
-    )
-    assert (found["before"], found["after"]) == (2 * 2 * 2, 2 * 2 * (3 + 1))
-    named = re.fullmatch(
-        r"Nearest run: DDPG, .* buffer, seed \d, cost [\d.,]+ \((training/ddpg-\S+), ([0-9a-f]{16})\)", found["run"]
-    )
+def test_every_run_is_drawn_when_asked_and_the_nearest_is_named_with_its_artefact(said, reported):
+    panels, arms, seeds = 2, 2, 3
+    assert said["bands"] == panels * arms * 2
+    assert said["runs"] == panels * arms * (seeds + 1)
+    pattern = r"Nearest run: DDPG, .* buffer, seed \d, cost [\d.,]+ \((training/ddpg-\S+), ([0-9a-f]{16})\)"
+    named = re.fullmatch(pattern, said["nearest"])
     assert named is not None
-    manifest = page.parents[1] / named[1] / "manifest.json"
-    assert manifest.exists()
+    assert reported.path(named[1], "manifest.json").exists()
 
 
-@pytest.mark.parametrize("width", [400, 1100])
-def test_nothing_runs_over_the_edge_of_a_screen(asked, width):
-    # A headless window has a least width of its own.
-    found, _ = asked(
-        f"const page = document.documentElement; page.style.width = '{width}px';"
-        "const edge = page.getBoundingClientRect().right;"
-        "said.over = [...live.querySelectorAll('*')].filter((one) => one.getBoundingClientRect().right > edge + 1)"
-        ".map((one) => one.outerHTML.slice(0, 80))",
-        width,
-    )
-    assert found["over"] == []
+def test_nothing_runs_over_the_edge_of_a_screen_of_400_pixels(said):
+    assert said["over"] == []

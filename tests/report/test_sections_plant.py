@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import asdict
+from html import unescape
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from maglev_offline.control.stage import linear_facts
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.report import figures_plant
-from maglev_offline.report.evidence import gather
+from maglev_offline.report.evidence import Evidence, gather
 from maglev_offline.report.numbers import number, percent, whole
 from maglev_offline.report.page import Paragraph, Plot, Section, Table
 from maglev_offline.report.sections_plant import is_papers, plant_section
@@ -262,7 +263,7 @@ def test_disturbances_are_named(make):
 
 
 def test_page_is_self_contained_and_the_same_each_time(make, tmp_path, read_page):
-    pages = [render("Title", Section("head", ""), [make()]) for _ in range(2)]
+    pages = [render("Title", Section("head", ""), [make()], Evidence({})) for _ in range(2)]
     assert pages[0] == pages[1]
     path = tmp_path / "page.html"
     path.write_text(pages[0], encoding="utf-8")
@@ -270,7 +271,8 @@ def test_page_is_self_contained_and_the_same_each_time(make, tmp_path, read_page
     assert page.errors == []
     assert len(page.ids) == len(set(page.ids))
     assert all(reference.startswith(("#", "data:image/png;base64,")) for reference in page.references)
-    assert "http" not in pages[0]
+    assert "http" not in pages[0].replace("http-equiv", "")
+    assert "script-src 'none'" in unescape(pages[0])
     assert "matrix C &lt;b&gt;" in pages[0]
     drawings = re.findall(r"<svg .*?</svg>", pages[0], flags=re.S)
     assert len(drawings) == len(FIGURES)

@@ -20,7 +20,8 @@ def effect(verdict, difference=-3.1, low=-5.0, high=-1.2, seeds=8):
 def study(effects, *, reached=0.5, within=0.0, settled=0.0, algorithm="ddpg", primary="area"):
     arm = {"seeds": 8, "share_reached": reached, "share_within_half_mm": within, "share_settled": settled}
     algorithms = {algorithm: {"arms": {"empty": arm, "prefill": arm}, "effects": {"prefill": effects}}}
-    return {"primary_metric": primary, "algorithms": algorithms}
+    rows = {"prefill": {"rows_from": "log"}}
+    return {"primary_metric": primary, "arms": ["empty", "prefill"], "rows": rows, "algorithms": algorithms}
 
 
 def plain(text):
@@ -157,3 +158,18 @@ def test_simulated_is_said_plainly(simulated, logs, says):
 
 def test_unknown_code_is_still_readable():
     assert words.reason("brand_new_rule") == "Brand new rule."
+
+
+def test_arms_whose_rows_are_no_logs_are_no_prefill_with_logged_data():
+    found = study({"area": effect("inconclusive")})
+    control = {"area": effect("positive")}
+    found["arms"] = ["empty", "half_reconstructed", "half_pid"]
+    found["rows"] = {"half_reconstructed": {"rows_from": "log"}, "half_pid": {"rows_from": "pid"}}
+    arms = found["algorithms"]["ddpg"]
+    arms["arms"] |= dict.fromkeys(found["arms"], arms["arms"]["empty"])
+    arms["effects"] = {"half_reconstructed": {"area": effect("inconclusive")}, "half_pid": control}
+    assert "(“half_reconstructed”) has no effect on DDPG" in words.headline(found)
+    assert words.verdict_words(found, "half_pid", "positive") == "better"
+    assert words.verdict_words(found, "half_reconstructed", "positive") == "positive transfer"
+    found["rows"] = {"half_pid": {"rows_from": "pid"}}
+    assert words.headline(found).startswith("No arm of this study starts with rows of logs")

@@ -56,7 +56,7 @@ def test_findings_name_the_parts_that_survive_the_correction_the_cure_and_the_fo
     told = {"rank_correlation": -0.8, "interval": (-1.0, -0.3), "arms": 9}
     facts = FACTS | {
         "attribution": {"parts": [part, part | {"part": "log-2", "holds_after_holm": False}]},
-        "cure": {"algorithms": {"td3": {"chosen": "half", "confirmed": {"verdict": "positive"}}}},
+        "cure": {"algorithms": {"td3": {"chosen": "half", "confirmed": {"verdict": "positive", "low": 0.1}}}},
         "foretelling": {"algorithms": {"td3": {"error_over_advantage_std": told}}},
     }
     assert finding_lines(facts) == [

@@ -9,9 +9,9 @@ from maglev_offline.report.style import algorithm_label
 
 OUTCOMES = {
     "positive": "helps",
-    "negative": "harms it too",
+    "negative": "harms",
     "equivalent": "makes no difference that matters",
-    "inconclusive": "has an effect that so many seeds could not establish",
+    "inconclusive": "shows no effect that so many seeds could establish",
 }
 
 
@@ -29,15 +29,19 @@ def cure_sentence(facts: Mapping[str, Any], confidence: float) -> str:
     parts = []
     for algorithm, found in cure["algorithms"].items():
         effect = found["confirmed"]
+        if effect["low"] is None:  # too few seeds are left to confirm anything
+            continue
         span = interval(effect["low"], effect["high"])
         parts.append(
             f"{algorithm_label(algorithm)} “{found['chosen']}” {OUTCOMES[effect['verdict']]} (difference "
             f"{number(effect['difference'])}, {percent(confidence)} interval {span}, "
             f"{words.seeds_words(effect['seeds'])})"
         )
+    if not parts:
+        return ""
     return (
-        f"Of {len(cure['candidates'])} prefills from the same logs that were tried as cures, the best on half of the "
-        f"seeds was held against an empty buffer on the other half: for {listing(parts)}."
+        f"Of the {len(cure['candidates'])} arms that were tried as cures, the best on half of the seeds was held "
+        f"against an empty buffer on the other half: for {listing(parts)}."
     )
 
 
@@ -50,11 +54,21 @@ def foretelling_sentence(facts: Mapping[str, Any], confidence: float) -> str:
             low, high = told["interval"]
             parts.append(
                 f"{number(told['rank_correlation'], 2)} for {algorithm_label(algorithm)} ({interval(low, high, 2)}, "
-                f"{told['arms']} arms)"
+                f"{told['arms']} arms in {told['groups']} groups)"
             )
     if not parts:
         return ""
-    return (
-        "The target error of the rows, known before any training, against what they did in it: rank correlation "
-        f"{listing(parts)}, {percent(confidence)} intervals over arms."
+    return _met(facts["foretelling"]["calibration"]) + (
+        "Rows whose targets err more, as is known before any training, did worse where this rank correlation is "
+        f"negative: {listing(parts)}, {percent(confidence)} intervals over groups of arms that share their rows."
     )
+
+
+def _met(calibration: Mapping[str, Mapping[str, int]]) -> str:
+    """What became of the verdicts that were given before any training: how many of them met harm."""
+    parts = [
+        f"{sum(outcomes.values())} times “{before}”, {outcomes.get('negative', 0)} of which did harm"
+        for before, outcomes in calibration.items()
+        if outcomes
+    ]
+    return f"Before any training the rows of an arm were judged {listing(parts)}. " if parts else ""

@@ -121,7 +121,7 @@ def differences_table(facts: Facts, confidence: float) -> Table:
                     middle,
                     percent(effect["probability_better"]),
                     number(effect["p_value_holm"], 2),
-                    words.VERDICT_WORDS[effect["verdict"]],
+                    words.verdict_words(facts, arm, effect["verdict"]),
                 ]
             )
             marks.append(effect["verdict"])
@@ -134,3 +134,36 @@ def differences_table(facts: Facts, confidence: float) -> Table:
         "the interval’s, without correction. From transfer (manifest.json)."
     )
     return Table(caption, head, rows, marks=marks, sources=("transfer",))
+
+
+def against_table(facts: Facts, confidence: float) -> Table:
+    """Arms held against each other, where the recipe asks for it."""
+    rows, marks = [], []
+    for told in facts["against"]["comparisons"]:
+        rows.append(
+            [
+                f"{algorithm_label(told['algorithm'])}, {arm_label(facts, told['arm'])}",
+                arm_label(facts, told["against"]),
+                number(told["difference"]),
+                interval(told["low"], told["high"]),
+                percent(told["probability_better"]),
+                number(told["p_value_holm"], 2),
+                words.CONTROL_WORDS[told["verdict"]],
+            ]
+        )
+        marks.append(told["verdict"])
+    head = [
+        "arm",
+        "against",
+        "mean difference",
+        f"{percent(confidence)} interval",
+        "seeds better",
+        "p (Holm)",
+        "the arm is",
+    ]
+    caption = (
+        f"Arms held against each other in {metric_label(facts)}, paired by seed: the other minus the arm, so that a "
+        "positive difference means that the arm is better. p: corrected by Holm over these comparisons. From transfer "
+        "(manifest.json)."
+    )
+    return Table(caption, head, rows, labels=2, marks=marks, sources=("transfer",))

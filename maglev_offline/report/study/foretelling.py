@@ -163,7 +163,8 @@ def foretelling_sentences(facts: Facts, confidence: float) -> list[str]:
         way = "the arms whose rows err more do worse" if high < 0 else "the arms whose rows err more do better"
         said = way if low * high > 0 else "the interval holds zero, so nothing is shown to be foretold"
         found.append(
-            f"With {name}, the rank correlation of the rows’ target error with the mean difference over {arms} arms is "
+            f"With {name}, the rank correlation of the rows’ target error with the mean difference over {arms} arms, "
+            f"in {told['groups']} groups that share their rows, is "
             f"{number(told['rank_correlation'], 2)} ({percent(confidence)} interval {interval(low, high, 2)}): {said}."
         )
     return found
@@ -186,7 +187,7 @@ def foretelling_caption(facts: Facts, confidence: float) -> str:
         f"{metric_label(facts)} (empty minus arm). Names: the arms of the recipe, where there is room; small: a part "
         f"of the rows left out. Dotted: rows are fit up to {FIT_ERROR:g} and harmful from {HARMFUL_ERROR:g} on, or by "
         "their correlation, with the whole of the interval. Grey band: the margin. Rank correlation "
-        f"({percent(confidence)} interval over arms, which are few and not independent): {'; '.join(told)}. From "
+        f"({percent(confidence)} interval over groups of arms that share their rows): {'; '.join(told)}. From "
         "transfer (manifest.json; differences: metrics.parquet)."
     )
 

@@ -30,7 +30,7 @@ def paper_section(evidence: Evidence) -> Section | None:
         _settings(evidence, study),
         Paragraph(
             "The paper gives no number for transfer, no number of seeds and no interval, so that its words are all "
-            "that can be held against ours. What it says of the plant, PID and LQI is in the section on the plant."
+            "that can be held against ours."
         ),
     ]
     return section
@@ -62,7 +62,7 @@ def _results(facts: Mapping[str, Any]) -> Table:
 def _agreement(here: str, there: str) -> str:
     if here == there:
         return "yes"
-    return "no" if {here, there} == {"positive", "negative"} else "not shown"
+    return "not shown" if here == "inconclusive" else "no"
 
 
 def _settings(evidence: Evidence, study: Artefact) -> Table:
@@ -91,7 +91,7 @@ def _settings(evidence: Evidence, study: Artefact) -> Table:
     ]
     head = ["setting", "the paper", "here"]
     return Table(
-        "Where the two differ, and what the paper leaves open.", head, [list(p) for p in pairs], labels=3,
+        "The settings of both, and what the paper leaves open.", head, [list(p) for p in pairs], labels=3,
         sources=("transfer",),
     )  # fmt: skip
 

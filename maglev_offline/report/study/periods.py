@@ -22,19 +22,21 @@ def periods_section(evidence: Evidence) -> Section | None:
     section = Section("periods", "At other control periods")
     for algorithm in first.facts["algorithms"]:
         section.blocks.append(_table(studies, algorithm, metric))
-    section.blocks.append(
-        Points([f"At {period} ms, {line}." for period, study in studies.items() for line in finding_lines(study.facts)])
-    )
-    return section
+    others = list(studies.items())[1:]  # what was found at the recipe's own period has a section of its own
+    lines = [f"At {period} ms, {line}." for period, study in others for line in finding_lines(study.facts)]
+    return Section(section.key, section.title, [*section.blocks, *([Points(lines)] if lines else [])])
 
 
 def studies_of(evidence: Evidence) -> dict[str, Artefact]:
-    """The study at the recipe's own period, and those at others, by the period in milliseconds."""
-    found = {}
+    """The study at the recipe's own period, and those at others that judge by its metric, by milliseconds."""
+    found: dict[str, Artefact] = {}
     for each in (evidence, *evidence.periods.values()):
         study = each.get("transfer")
-        if study is not None:
-            found[plain(study.manifest.settings["mdp"]["control_period_ms"])] = study
+        if study is None:
+            continue
+        first = next(iter(found.values()), study)
+        if study.facts["primary_metric"] == first.facts["primary_metric"]:
+            found.setdefault(plain(study.manifest.settings["mdp"]["control_period_ms"]), study)
     return found
 
 
@@ -48,17 +50,20 @@ def _table(studies: Mapping[str, Artefact], algorithm: str, metric: str) -> Tabl
         ]
         for arm in arms
     ]
-    runs = ", ".join(
-        f"{whole(study.manifest.settings['training']['seeds'])} seeds of "
-        f"{whole(study.manifest.settings['training']['steps'])} steps at {period} ms"
-        for period, study in studies.items()
-    )
+    runs = ", ".join(f"{_length(study.manifest.settings)} at {period} ms" for period, study in studies.items())
     caption = (
         f"{algorithm_label(algorithm)}: difference to an empty buffer in the {metric}, in per cent of the empty "
-        f"buffer’s mean at the same period, with its interval and verdict; {runs}. Positive: the arm helps. "
+        f"buffer’s mean at the same period, with its interval and verdict; {runs}. The shorter a run, the more its "
+        "beginning weighs. Positive: the arm helps. "
         "From transfer, and from transfer of each workspace below periods/."
     )
     return Table(caption, ["arm", *(f"{period} ms" for period in studies)], rows, sources=("transfer",))
+
+
+def _length(settings: Mapping[str, Any]) -> str:
+    training = settings["training"]
+    seconds = training["steps"] * settings["mdp"]["control_period_ms"] / 1e3
+    return f"{whole(training['seeds'])} seeds of {whole(training['steps'])} decisions ({plain(seconds)} s)"
 
 
 def _cell(facts: Mapping[str, Any], algorithm: str, arm: str) -> str:
@@ -68,7 +73,7 @@ def _cell(facts: Mapping[str, Any], algorithm: str, arm: str) -> str:
     effect = found[facts["primary_metric"]]
     base = abs(effect["baseline_mean"])
     if not base or effect["low"] is None:
-        return f"{words.VERDICT_WORDS[effect['verdict']]}"
+        return words.verdict_words(facts, arm, effect["verdict"])
     share = {key: 100 * effect[key] / base for key in ("difference", "low", "high")}
     sign = f"{share['difference']:+.0f}".replace("-", "−")
-    return f"{sign} ({interval(share['low'], share['high'], 2)}) {words.VERDICT_WORDS[effect['verdict']]}"
+    return f"{sign} ({interval(share['low'], share['high'], 2)}) {words.verdict_words(facts, arm, effect['verdict'])}"

@@ -10,8 +10,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, PercentFormatter
 from numpy.typing import NDArray
 
-from maglev_offline.report.numbers import NO_BREAK, percent
-from maglev_offline.report.study.reading import Facts, metric_label, primary_effects
+from maglev_offline.report.numbers import NO_BREAK, listing, percent
+from maglev_offline.report.study.reading import Facts, arm_label, metric_label, primary_effects
 from maglev_offline.report.style import (
     ARMS,
     FULL_WIDTH,
@@ -126,15 +126,19 @@ def profiles_caption(facts: Facts, confidence: float) -> str:
         "Above: performance profiles, the share of runs whose cost at the end of training (asymptote) is at or below "
         "the one on the axis, which is logarithmic; dotted: the threshold. Below: the share of runs that have reached "
         "the threshold by each step (Kaplan and Meier); runs that never do count as censored at their end; bands: "
-        f"{percent(confidence)} intervals of the empty and the prefilled buffer. Higher is better in both. "
+        f"{percent(confidence)} intervals of the {_bold(facts)}. Higher is better in both. "
     )
     if len(facts["arms"]) > MOST_COLOURS:
         text += (
-            f"Of {len(facts['arms'])} arms, the empty and the prefilled buffer are bold in their colours, and the best "
+            f"Of {len(facts['arms'])} arms, the {_bold(facts)} stand out bold in their colours, and the best "
             f"and the worst other arm of each algorithm, by the mean difference in {metric_label(facts)}, dashed and "
             "dotted; all others are thin and grey. "
         )
     return text + "From transfer (metrics.parquet)."
+
+
+def _bold(facts: Facts) -> str:
+    return listing([arm_label(facts, arm) for arm in facts["arms"] if arm in ARMS])
 
 
 def reached_counts(facts: Facts, algorithm: str) -> list[tuple[str, int, int]]:

@@ -28,6 +28,8 @@ def differences_section(evidence: Evidence) -> Section | None:
     section.blocks += [Paragraph(text) for text in _verdict_sentences(facts)]
     section.blocks.append(Plot("differences", figure, caption, label, SOURCE))
     section.blocks.append(differences.differences_table(facts, confidence))
+    if facts.get("against", {}).get("comparisons"):
+        section.blocks.append(differences.against_table(facts, confidence))
     return section
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from maglev_offline.physics.parameters import Plant
 from maglev_offline.report import words
 from maglev_offline.report.evidence import Artefact, Evidence
 from maglev_offline.report.numbers import percent, plain, whole
@@ -51,11 +52,14 @@ def _of_data(evidence: Evidence) -> list[list[str]]:
 
 def _of_plant(study: Artefact) -> list[list[str]]:
     mdp, starts = study.manifest.settings["mdp"], study.manifest.settings["evaluation"]["start_gaps_m"]
+    papers = study.manifest.settings["plant"] == Plant().model_dump(mode="json")
+    noise = mdp["force_noise_std_n"]
+    force = f"A random force of {plain(noise)} N" if noise else "No random force"
     return [
         [
-            "one plant: a single magnet with the paper’s parameters",
+            f"one plant: a single magnet with {'the paper’s' if papers else 'the recipe’s'} parameters",
             "elsewhere",
-            f"Noise on the force; starts from {plain(1e3 * min(starts))} to {plain(1e3 * max(starts))} mm; the "
+            f"{force} in training; starts from {plain(1e3 * min(starts))} to {plain(1e3 * max(starts))} mm; the "
             "stops are part of the plant.",
             "No guideway irregularity, no coupling of magnets, no change of load within a run.",
         ],
@@ -63,7 +67,7 @@ def _of_plant(study: Artefact) -> list[list[str]]:
             f"one control period and integrator: {plain(mdp['control_period_ms'])} ms, {mdp['integrator']}",
             "elsewhere",
             "The recipe may name other periods, and study.toml does.",
-            "Differences between periods mix time scale, horizon and number of gradient steps.",
+            "Differences between periods mix time scale, horizon, seconds of experience and gradient steps.",
         ],
     ]
 
@@ -102,13 +106,13 @@ def _of_learning(study: Artefact, blocks: Sequence[Artefact]) -> list[list[str]]
         chosen,
         [
             "length of training: "
-            + (f"{len(moving)} arms still change at the end" if moving else "no arm still changes at the end"),
+            + (f"still changing at the end: {', '.join(moving)}" if moving else "no arm still changes at the end"),
             "here",
             "The area is judged over the whole axis; the drift of each arm is in the table of runs.",
             "The asymptote of an arm that still changes is a snapshot." if moving else "None seen.",
         ],
         [
-            f"one engine: {', '.join(_engines(blocks))}",
+            f"rounding of one machine: {', '.join(_engines(blocks)) or 'unknown engine'}",
             "here",
             "Both engines are held to the same updates by tests.",
             "The plant is unstable, so that roundings of another machine give other curves of the same law.",
@@ -134,10 +138,10 @@ def _of_statistics(study: Artefact) -> list[list[str]]:
     wrong = percent(1 - settings["confidence"])
     return [
         [
-            f"{whole(total)} comparisons, each wrong in {wrong} of the cases where nothing is there",
+            f"{whole(total)} comparisons, each nominally wrong in {wrong} of the cases where nothing is there",
             "here",
-            f"One metric ({words.METRIC_NAMES[metric]}) was named before the runs; p is Holm’s over all.",
-            "Verdicts are those of single intervals; read p where many are read.",
+            f"The recipe names one metric ({words.METRIC_NAMES[metric]}) as primary; p is Holm’s over all.",
+            "Verdicts are those of single intervals, which cover less where seeds scatter unevenly (docs/protocol.md).",
         ],
         [
             f"{words.seeds_words(effects[0]['seeds'])}: an effect of the margin’s size cannot be seen in "

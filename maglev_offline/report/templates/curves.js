@@ -1,4 +1,7 @@
 "use strict";
+// What is folded is printed, too.
+window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((part) => { part.open = true; }));
+
 // Learning curves that a reader can question: hover or arrow keys read them, a drag zooms, boxes choose arms.
 
 for (const root of document.querySelectorAll(".live")) {
@@ -14,11 +17,14 @@ for (const root of document.querySelectorAll(".live")) {
   const digits = (value) => (value === null ? "none" : Number(value.toPrecision(3)).toLocaleString("en", { maximumSignificantDigits: 3 }));
   const whole = (value) => Math.round(value).toLocaleString("en");
 
+  function told(panel, arm) {
+    const line = panel.arms[arm.name], k = view.at;
+    const interval = line.low[k] === null ? "" : ` (${digits(line.low[k])} to ${digits(line.high[k])})`;
+    return `${arm.label} ${digits(line.middle[k])}${interval}`;
+  }
+
   function reading(panel) {
-    const parts = chosen(panel).map((arm) => {
-      const line = panel.arms[arm.name], k = view.at;
-      return `${arm.label} ${digits(line.middle[k])} (${digits(line.low[k])} to ${digits(line.high[k])})`;
-    });
+    const parts = chosen(panel).map((arm) => told(panel, arm));
     return `${whole(steps[view.at])} steps: ${parts.join("; ") || "no arm is chosen"}`;
   }
 
@@ -29,15 +35,17 @@ for (const root of document.querySelectorAll(".live")) {
 
   function range() {
     // One range for all panels, so that heights compare; the lines of classical control are always in it.
-    const all = data.references.map((line) => line.cost);
+    let low = Infinity, high = -Infinity;
+    const take = (cost) => { if (cost !== null) { low = Math.min(low, cost); high = Math.max(high, cost); } };
     const places = inside();
+    for (const line of data.references) take(line.cost);
+    take(data.threshold);
     for (const panel of data.panels) for (const arm of chosen(panel)) {
       const line = panel.arms[arm.name];
       const rows = view.runs ? line.runs : [line.low, line.high, line.middle];
-      for (const row of rows) for (const k of places) if (row[k] !== null) all.push(row[k]);
+      for (const row of rows) for (const k of places) take(row[k]);
     }
-    if (data.threshold !== null) all.push(data.threshold);
-    const low = Math.min(...all), high = Math.max(...all);
+    if (low > high) return view.log ? [1, 10] : [0, 1];
     return view.log ? [low / 1.1, high * 1.1] : [0, high * 1.05];
   }
 
@@ -92,7 +100,8 @@ for (const root of document.querySelectorAll(".live")) {
   function draw() {
     const [low, high] = range();
     const y = scale([low, high]);
-    panels.forEach(({ panel, svg, box, read }, place) => {
+    view.range = [low, high];
+    panels.forEach(({ panel, svg }, place) => {
       svg.replaceChildren();
       put(put(svg, "clipPath", { id: `${root.id}-clip-${place}` }), "rect",
         { x: LEFT, y: TOP, width: WIDTH - LEFT - RIGHT, height: HEIGHT - TOP - BOTTOM });
@@ -118,15 +127,26 @@ for (const root of document.querySelectorAll(".live")) {
         else put(plot, "path", { d: band(line, y), fill: arm.colour, opacity: 0.16 });
         put(plot, "path", { d: path(line.middle, y), stroke: arm.colour, "stroke-width": 2, "stroke-dasharray": arm.dash, "data-arm": arm.name });
       }
-      const at = x(steps[view.at]);
-      if (at >= LEFT && at <= WIDTH - RIGHT) put(plot, "line", { x1: at, x2: at, y1: TOP, y2: HEIGHT - BOTTOM, stroke: "#1f2328", "stroke-width": 0.8 });
       put(svg, "rect", { x: LEFT, y: TOP, width: WIDTH - LEFT - RIGHT, height: HEIGHT - TOP - BOTTOM, fill: "none", stroke: "#8c959f", "stroke-width": 0.6 });
-      read.replaceChildren(...readings(panel));
-      box.setAttribute("aria-valuenow", view.at);
-      box.setAttribute("aria-valuetext", reading(panel));
+      put(svg, "line", { y1: TOP, y2: HEIGHT - BOTTOM, stroke: "#1f2328", "stroke-width": 0.8, class: "cursor" });
+      put(svg, "rect", { y: TOP, height: HEIGHT - TOP - BOTTOM, width: 0, fill: "#0b5394", opacity: 0.12, class: "drag" });
     });
     root.dataset.from = Math.round(view.from);
     root.dataset.to = Math.round(view.to);
+    read();
+  }
+
+  function read() {
+    // What moves with the pointer; the curves stay as they are drawn.
+    const at = x(steps[view.at]);
+    for (const { panel, svg, box, words } of panels) {
+      const cursor = svg.querySelector(".cursor");
+      cursor.setAttribute("x1", at);
+      cursor.setAttribute("x2", at);
+      words.replaceChildren(...readings(panel));
+      box.setAttribute("aria-valuenow", view.at);
+      box.setAttribute("aria-valuetext", reading(panel));
+    }
     root.dataset.at = steps[view.at];
   }
 
@@ -134,8 +154,8 @@ for (const root of document.querySelectorAll(".live")) {
     const head = document.createElement("b");
     head.textContent = `${whole(steps[view.at])} steps`;
     const lines = chosen(panel).map((arm) => {
-      const row = document.createElement("span"), line = panel.arms[arm.name], k = view.at;
-      row.append(swatch(arm), ` ${arm.label} ${digits(line.middle[k])} (${digits(line.low[k])} to ${digits(line.high[k])})`);
+      const row = document.createElement("span");
+      row.append(swatch(arm), ` ${told(panel, arm)}`);
       return row;
     });
     return [head, ...lines];
@@ -155,8 +175,9 @@ for (const root of document.querySelectorAll(".live")) {
 
   function zoom(from, to) {
     const last = steps[steps.length - 1], least = steps.length > 2 ? 2 * (steps[2] - steps[1]) : last;
-    if (to - from < least) return;
-    [view.from, view.to] = [clamp(from, 0, last), clamp(to, 0, last)];
+    const width = clamp(to - from, Math.min(least, last), last);
+    view.from = clamp(from, 0, last - width);
+    view.to = view.from + width;
     if (steps[view.at] < view.from || steps[view.at] > view.to) view.at = nearest((view.from + view.to) / 2);
     draw();
   }
@@ -182,52 +203,68 @@ for (const root of document.querySelectorAll(".live")) {
   }
 
   const panels = data.panels.map((panel) => {
-    const box = document.createElement("div"), title = document.createElement("b"), read = document.createElement("div");
+    const box = document.createElement("div"), title = document.createElement("b"), words = document.createElement("div");
     const svg = document.createElementNS(SVG, "svg");
     svg.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
     box.className = "panel";
     title.textContent = panel.name;
-    read.className = "reading";
+    words.className = "reading";
     for (const [name, value] of Object.entries({ tabindex: 0, role: "slider", "aria-valuemin": 0, "aria-valuemax": steps.length - 1,
       "aria-label": `${panel.name}: cost by evaluation; arrow keys read, plus and minus zoom, escape shows all` })) box.setAttribute(name, value);
-    box.append(title, svg, read);
+    box.append(title, svg, words);
     let start = null;
+    const shade = (from, to) => {
+      const drag = svg.querySelector(".drag");
+      drag.setAttribute("x", Math.min(from, to));
+      drag.setAttribute("width", Math.abs(from - to));
+    };
     const place = (event) => {
       const seen = svg.getBoundingClientRect();
       return [((event.clientX - seen.left) / seen.width) * WIDTH, ((event.clientY - seen.top) / seen.height) * HEIGHT];
     };
     svg.addEventListener("pointermove", (event) => {
       const [across, down] = place(event);
+      look(across, down);
+      if (start !== null) shade(start, clamp(across, LEFT, WIDTH - RIGHT));
+    });
+    const look = (across, down) => {
       view.at = nearest(clamp(stepAt(clamp(across, LEFT, WIDTH - RIGHT)), view.from, view.to));
-      draw();
-      const [low, high] = range(), share = (HEIGHT - BOTTOM - down) / (HEIGHT - TOP - BOTTOM);
+      read();
+      const [low, high] = view.range, share = (HEIGHT - BOTTOM - down) / (HEIGHT - TOP - BOTTOM);
       const cost = view.log ? low * (high / low) ** share : low + share * (high - low);
       if (view.runs) nearby.textContent = run(panel, stepAt(across), Math.max(cost, 1e-9));
-      if (start !== null) put(svg, "rect", { x: Math.min(start, across), width: Math.abs(across - start), y: TOP,
-        height: HEIGHT - TOP - BOTTOM, fill: "#0b5394", opacity: 0.12 });
+    };
+    svg.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      const [across, down] = place(event);
+      look(across, down);
+      if (event.pointerType === "touch") return; // a finger scrolls and reads; buttons and two fingers zoom
+      start = clamp(across, LEFT, WIDTH - RIGHT);
+      svg.setPointerCapture(event.pointerId);
     });
-    svg.addEventListener("pointerdown", (event) => { [start] = place(event); });
-    window.addEventListener("pointerup", (event) => {
+    svg.addEventListener("pointercancel", () => { start = null; shade(0, 0); });
+    svg.addEventListener("pointerup", (event) => {
       if (start === null) return;
-      const [end] = place(event), ends = [start, end].map((across) => stepAt(clamp(across, LEFT, WIDTH - RIGHT)));
+      const ends = [start, clamp(place(event)[0], LEFT, WIDTH - RIGHT)].map(stepAt);
       start = null;
+      shade(0, 0);
       if (Math.abs(ends[0] - ends[1]) > 0.02 * (view.to - view.from)) zoom(Math.min(...ends), Math.max(...ends));
-      else draw();
     });
     svg.addEventListener("dblclick", whence);
     box.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey) return; // those are the browser's own
       const moves = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -5, PageUp: 5, Home: -Infinity, End: Infinity };
       if (event.key in moves) {
         const places = inside();
         view.at = clamp(view.at + moves[event.key], places[0], places[places.length - 1]);
-        draw();
+        read();
       } else if (event.key === "+" || event.key === "=") closer(0.5);
       else if (event.key === "-") closer(2);
       else if (event.key === "Escape" || event.key === "0") whence();
       else return;
       event.preventDefault();
     });
-    return { panel, svg, box, read };
+    return { panel, svg, box, words };
   });
 
   // --- the controls ---

@@ -113,7 +113,9 @@ def facts_of(table: pd.DataFrame, settings: TransferSettings, *, parted: bool) -
     facts = {
         **{"direction": "costs", "reference_cost": {"lqr_held": 10.0}, "threshold_cost": 15.0},
         **{"primary_metric": "area", "arms": list(settings.arms), "algorithms": algorithms, "rows": rows},
-        "foretelling": foretelling(rows, whole, "area", 0.95, 200, stream(0, "foretelling")),
+        "foretelling": foretelling(
+            rows, whole, "area", 0.95, 200, stream(0, "foretelling"), {arm: arm for arm in rows}
+        ),
     }
     if candidates_of(settings):
         facts["cure"] = confirmed_cures(table, candidates_of(settings), settings, margins, names)

@@ -24,7 +24,7 @@ def test_points_are_arms_with_a_target_error(study, with_facts):
 
 def test_sentences_follow_the_interval(study, with_facts):
     def said(correlation, interval):
-        told = {"rank_correlation": correlation, "interval": interval, "arms": 9}
+        told = {"rank_correlation": correlation, "interval": interval, "arms": 9, "groups": 9}
         facts = {"foretelling": {"algorithms": {"td3": {"error_over_advantage_std": told}}}}
         return foretelling_sentences(facts, 0.95)[0]
 
