@@ -2,12 +2,13 @@
 PYTHON ?= python3
 VENV ?= .venv
 FOREIGN ?= .venv-exports
+CLUSTERS ?= .venv-clusters
 BIN := $(VENV)/bin
 DEMO := reports/quickstart
 
 STUDIES := changsha study cure
 
-.PHONY: setup demo test check study publish exports nightly clean
+.PHONY: setup demo test check study publish exports clusters nightly clean
 
 setup: $(VENV)/.installed
 
@@ -51,7 +52,10 @@ publish:  ## report, curves and verdicts of finished studies, from reports/NAME-
 exports: $(FOREIGN)/.installed  ## exported prefills in the libraries that they are for: d3rlpy, Minari, TorchRL, SB3
 	$(FOREIGN)/bin/python -m pytest tests/replay/exports
 
-nightly: setup exports  ## benchmarks in small, exports with the libraries that they are for, and a wheel looked at from outside
+clusters: $(CLUSTERS)/.installed  ## two-worker clusters of Dask and Ray, and a store that speaks S3
+	$(CLUSTERS)/bin/python -m pytest -m 'nightly or not nightly' tests/cluster tests/test_s3.py
+
+nightly: setup exports clusters  ## benchmarks in small, exports, clusters and stores for real, and a wheel looked at from outside
 	$(BIN)/python -m pytest -n auto -m nightly
 	.ci/wheel
 
@@ -61,5 +65,11 @@ $(FOREIGN)/.installed: pyproject.toml constraints.txt
 	  --editable '.[exports,foreign]' hypothesis pytest
 	@touch $@
 
+$(CLUSTERS)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(CLUSTERS)
+	$(CLUSTERS)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt \
+	  --editable '.[clusters]' hypothesis pytest
+	@touch $@
+
 clean:
-	rm -rf $(VENV) $(FOREIGN) $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(FOREIGN) $(CLUSTERS) $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -13,7 +13,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -131,7 +131,7 @@ class Mirror:
             for name in entries:  # what a command left there that was stopped before its manifest, or after it
                 found = _OBJECT.match(name)
                 if found and f"{found[1]}/{MANIFEST}" not in here | dropped:
-                    self.store.remove(name)
+                    self._remove_object(found[0], name, ())
         finally:
             self._save()
 
@@ -205,7 +205,14 @@ class Mirror:
             for name in entries:
                 found = _OBJECT.match(name) if name.startswith(home) else None
                 if found and found[1] == home and name not in wanted:
-                    self.store.remove(name)
+                    self._remove_object(found[0], name, wanted)
+
+    def _remove_object(self, folder: str, name: str, wanted: Collection[str]) -> None:
+        """Remove a file that no manifest names, with the folder of its hash: S3 keeps an empty folder as an object."""
+        if any(other.startswith(folder) for other in wanted):
+            self.store.remove(name)
+        else:
+            self.store.remove_folder(folder.rstrip("/"))
 
     def _drop_here(self, item: str) -> None:
         target = self.root / item

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shutil
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
@@ -20,6 +21,9 @@ from maglev_offline.manifest import SCHEMA
 from maglev_offline.manifest import Manifest as Manifest
 from maglev_offline.manifest import package_versions as package_versions
 from maglev_offline.settings import Settings
+
+LATE_S = 120.0
+"""So long a network drive may keep what another machine wrote from this one."""
 
 KNOWN_HASHES = ".known_hashes.json"
 """File of the workspace in which the hashes of logs and artefacts are kept; see `hashes`. It may be removed."""
@@ -95,6 +99,28 @@ class Workspace:
         """Whether the artefact in `folder` is whole and was made from what `mark` stands for."""
         return self.current(folder, mark) is not None
 
+    def wait_for(self, folder: Path, mark: str) -> None:
+        """Wait until the artefact that another machine made in `folder` is seen here.
+
+        A network drive tells of it late, up to a minute, but at once where this machine has changed the folder above.
+
+        Raises
+        ------
+        ArtefactError: it is not seen, or is another one.
+        """
+        until = time.monotonic() + LATE_S
+        while not _has_mark(folder, mark):
+            if time.monotonic() > until:
+                raise ArtefactError(
+                    "another machine made this, and it is not seen here.",
+                    where=str(folder),
+                    todo="Is the workspace on a drive that shows every machine the same? Give the same command again.",
+                )
+            nudge = folder.parent / f".{folder.name}.seen.draft"
+            nudge.touch()
+            nudge.unlink(missing_ok=True)
+            time.sleep(0.2)
+
     def input_hash(self, folder: Path) -> str:
         """Hash that stands for a whole artefact, as `input_hash` of this module; untouched files are not read.
 
@@ -122,7 +148,7 @@ class Workspace:
         self._refuse_orphan()
         folder.parent.mkdir(parents=True, exist_ok=True)
         # A name of its own, since a worker of a killed command may still be at work on the same artefact.
-        draft = folder.parent / f".{folder.name}.{os.getpid()}.draft"
+        draft = folder.parent / f".{folder.name}.{os.uname().nodename}-{os.getpid()}.draft"
         retired = folder.parent / f".{folder.name}.old"
         if retired.exists() and not folder.exists():  # a command was killed between the two renames below
             retired.rename(folder)
@@ -199,6 +225,7 @@ class Workspace:
             self._holder = f"`maglev-offline {command}` (process {os.getpid()})"
             file.write(self._holder)
             file.flush()
+            os.fsync(file.fileno())  # else workers on other machines do not see who holds it
             try:
                 yield
             finally:
@@ -233,6 +260,13 @@ def _sweep(root: Path) -> None:
                 path.unlink(missing_ok=True)
         whole = "manifest.json" in files
         folders[:] = [] if whole else [name for name in folders if not name.startswith(".")]
+
+
+def _has_mark(folder: Path, mark: str) -> bool:
+    try:
+        return Manifest.read(folder).fingerprint == mark
+    except ArtefactError:
+        return False
 
 
 def changed_files(folder: Path, manifest: Manifest, known: KnownHashes | None = None) -> list[str]:

@@ -7,16 +7,16 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import joblib
 import numpy as np
 import pandas as pd
 
 from maglev_offline.agents.engine import Choice, choose_engine, provenance
 from maglev_offline.agents.settings import Algorithm, EvaluationSettings, TrainingSettings
-from maglev_offline.agents.ticks import FileTicker, tick_file
+from maglev_offline.agents.ticks import FileTicker, tick_files
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import SILENT, Progress
+from maglev_offline.spread import on_cluster, spread
 from maglev_offline.tables import write_parquet
 from maglev_offline.workspace import Manifest, Workspace, fingerprint, input_hash, package_versions
 
@@ -52,7 +52,10 @@ class World(NamedTuple):
 
 
 class _Task(NamedTuple):
-    """One block to train: `from_step` is where its checkpoint goes on, `events` where its event files go, if any."""
+    """One block to train: `from_step` is where its checkpoint goes on, `events` where its event files go, if any.
+
+    `elsewhere`: on a cluster, where another worker, of another machine, may have begun it.
+    """
 
     arm: Arm
     seeds: list[int]
@@ -64,6 +67,7 @@ class _Task(NamedTuple):
     threads: int = 1
     from_step: int = 0
     events: Path | None = None
+    elsewhere: bool = False
 
 
 def train_arms(
@@ -78,7 +82,8 @@ def train_arms(
     """Train whatever is missing of the arms; return the block folders of each arm, and how many blocks were trained.
 
     A block that is in the workspace with the same inputs and recipe is taken as it is, so that more seeds only add
-    blocks; one that was stopped goes on at its last checkpoint. Any number of `jobs` gives the same bytes. With
+    blocks; one that was stopped goes on at its last checkpoint. Any number of `jobs` gives the same bytes, here and
+    on a cluster, where a block takes one core. With
     `tensorboard` the evaluations also go to event files below `tensorboard/` in the workspace.
 
     Raises
@@ -94,23 +99,24 @@ def train_arms(
             _forget_checkpoint(task)
     if not missing:
         return folders, 0
-    workers = min(jobs, len(missing))
+    workers, elsewhere = min(jobs, len(missing)), on_cluster()
+    threads = 1 if elsewhere or engine.engine != "native" else max(1, jobs // workers)
     missing = [
         task._replace(
-            threads=max(1, jobs // workers) if engine.engine == "native" else 1,
+            threads=threads,
             from_step=_looked_at(task, world, progress),
             events=workspace.path("tensorboard", task.arm.title) if tensorboard else None,
+            elsewhere=elsewhere,
         )
         for task in missing
     ]
     progress.say(_announced(missing, world, engine))
     total = sum(len(task.seeds) * (world.training.steps - task.from_step) for task in missing)
-    with progress.task("training", total, "steps") as tick, tick_file(tick) as counted:
-        pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-        for number, trained in pool(
-            joblib.delayed(_train)(number, task, world, counted) for number, task in enumerate(missing)
-        ):
-            _commit(workspace, missing[number], world, trained)
+    shared = workspace.root.absolute() if elsewhere else None
+    with progress.task("training", total, "steps") as tick, tick_files(tick, shared) as counted:
+        work = ((number, task, world, counted) for number, task in enumerate(missing))
+        for number, trained, made_with in spread(_train, work, workers, in_order=False):
+            _commit(workspace, missing[number], world, trained, made_with)
     return folders, len(missing)
 
 
@@ -184,12 +190,15 @@ def _looked_at(task: _Task, world: World, progress: Progress) -> int:
     return saved.step
 
 
-def _train(number: int, task: _Task, world: World, tick: FileTicker) -> tuple[int, Trained]:
+def _train(number: int, task: _Task, world: World, tick: FileTicker) -> tuple[int, Trained, dict[str, str]]:
+    """Train a block; return its number, what came of it, and what it was computed with."""
     from maglev_offline.agents.events import EventFiles
     from maglev_offline.agents.training import train_block
     from maglev_offline.replay.prefill import load_prefill, packed
 
     rows = None if task.arm.prefill is None else packed(load_prefill(task.arm.prefill))
+    if task.elsewhere:
+        task = task._replace(from_step=_looked_at(task, world, SILENT))
     with ExitStack() as stack:
         checkpoint = _checkpoint(task)
         stack.enter_context(checkpoint.held())
@@ -210,10 +219,10 @@ def _train(number: int, task: _Task, world: World, tick: FileTicker) -> tuple[in
             checkpoint=checkpoint,
             see=None if events is None else events.see,
         )
-    return number, trained
+    return number, trained, provenance(task.engine.engine)
 
 
-def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained) -> None:
+def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained, made_with: dict[str, str]) -> None:
     from safetensors.numpy import save_file
 
     manifest = Manifest(f"training/{task.arm.title}/{task.folder.name}", task.mark, task.inputs)
@@ -226,7 +235,7 @@ def _commit(workspace: Workspace, task: _Task, world: World, trained: Trained) -
         "seeds": task.seeds,
         "engine": task.engine.engine,
         "engine_why": task.engine.why,
-        **provenance(task.engine.engine),
+        **made_with,
         "block": world.training.block,
         "diverged_seeds": list(trained.diverged_at),
         "diverged_at": {str(seed): step for seed, step in trained.diverged_at.items()},

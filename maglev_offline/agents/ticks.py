@@ -1,5 +1,6 @@
-"""Progress of worker processes: a file that they append to, read by a thread of the command."""
+"""Progress of worker processes: files that they append to, read by a thread of the command."""
 
+import fcntl
 import os
 import tempfile
 import threading
@@ -9,16 +10,22 @@ from pathlib import Path
 
 from maglev_offline.progress import Ticker
 
+OWNER = "owner"
+"""The file that the command holds a lock on, which ends with it, on whatever machine it ends."""
+
 
 class Orphaned(Exception):
     """The command that a worker worked for is gone; nobody waits for the result."""
 
 
 class FileTicker:
-    """Counts into the file of `tick_file`, from any process, as long as the command `owner` (a process id) lives."""
+    """Counts into the folder of `tick_files`, from any process that sees it, as long as the command lives.
 
-    def __init__(self, path: Path, owner: int) -> None:
-        self.path, self.owner = path, owner
+    Each process appends to a file of its own: two machines that append to one overwrite each other on a network drive.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
 
     def __call__(self, done: int, /) -> None:
         """Add `done` units.
@@ -27,38 +34,55 @@ class FileTicker:
         ------
         Orphaned: the command was killed. Its next run must find no one at work on its checkpoints.
         """
-        if self.owner not in (os.getpid(), os.getppid()):
-            raise Orphaned(f"process {self.owner} is gone")
-        with self.path.open("ab") as file:
+        if not _is_held(self.folder / OWNER):
+            raise Orphaned(f"the command of {self.folder} is gone")
+        mine = f"{os.uname().nodename}-{os.getpid()}-{threading.get_ident()}"
+        with (self.folder / mine).open("ab") as file:
             file.write(done.to_bytes(8, "little"))
 
 
-@contextmanager
-def tick_file(tick: Ticker) -> Iterator[FileTicker]:
-    """Pass on to `tick` what any process counts into the file: works across any kind of process."""
-    handle, name = tempfile.mkstemp(prefix="maglev-offline-ticks-")
-    os.close(handle)
-    path, stop = Path(name), threading.Event()
+def _is_held(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except FileNotFoundError:
+        return False
+    return False
 
-    def watch() -> None:
-        offset = 0
-        while True:
-            last_round = stop.wait(0.5)
+
+@contextmanager
+def tick_files(tick: Ticker, shared: Path | None = None) -> Iterator[FileTicker]:
+    """Pass on to `tick` what any process counts: works across any kind of process.
+
+    `shared`: a folder that the workers of a cluster see; None where they are on this machine.
+    """
+    # Under this name, what a killed command leaves in a workspace is swept away by the next.
+    with tempfile.TemporaryDirectory(prefix=".ticks-", suffix=".draft", dir=shared, ignore_cleanup_errors=True) as home:
+        folder, stop = Path(home), threading.Event()
+        thread = threading.Thread(target=_watch, args=(folder, tick, stop), daemon=True)
+        with (folder / OWNER).open("w") as owner:
+            fcntl.flock(owner, fcntl.LOCK_EX)
+            thread.start()
+            try:
+                yield FileTicker(folder)
+            finally:
+                stop.set()
+                thread.join()
+
+
+def _watch(folder: Path, tick: Ticker, stop: threading.Event) -> None:
+    read: dict[Path, int] = {}
+    while True:
+        last_round = stop.wait(0.5)
+        for path in sorted(folder.iterdir()):
             with path.open("rb") as file:
-                file.seek(offset)
+                file.seek(read.get(path, 0))
                 data = file.read()
             whole = len(data) // 8 * 8
             for at in range(0, whole, 8):
                 tick(int.from_bytes(data[at : at + 8], "little"))
-            offset += whole
-            if last_round:
-                return
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield FileTicker(path, os.getpid())
-    finally:
-        stop.set()
-        thread.join()
-        path.unlink(missing_ok=True)
+            read[path] = read.get(path, 0) + whole
+        if last_round:
+            return

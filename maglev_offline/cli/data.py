@@ -9,15 +9,19 @@ from maglev_offline.cli import completion
 from maglev_offline.cli.options import (
     HERE,
     AlgoOption,
+    BackendOption,
     JobsOption,
     JsonOption,
     PlantOption,
     QuietOption,
     RecipeOption,
+    SchedulerOption,
     WorkspaceOption,
     cores,
     on_workspace,
     open_session,
+    settled,
+    settled_logs,
     with_options,
 )
 from maglev_offline.errors import InputError
@@ -159,6 +163,8 @@ def ingest(
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
+    backend: BackendOption = "local",
+    scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -169,18 +175,20 @@ def ingest(
 
     lists = {"topics": topic, "exclude_topics": exclude_topic, "points": point, "where": where}
     session = with_options(
-        open_session(recipe, workspace, as_json, quiet, plant, rehash=rehash),
+        open_session(recipe, settled(workspace, backend), as_json, quiet, plant, rehash=rehash),
         "select",
         start=start,
         end=end,
         **{name: given or None for name, given in lists.items()},
     )
-    found = find_logs(logs)
+    found = settled_logs(find_logs(logs), backend)
+    if dry_run and backend != "local":
+        raise InputError("--dry-run writes nothing, and looks here.", where="--backend", todo="Leave one of them out.")
     if dry_run:
         done = pipeline.would_ingest(session.recipe, found, cores(jobs), session.talk, merge=merge)
     else:
-        with session.at_work("ingest"):
-            done = pipeline.ingest(session.recipe, session.workspace, found, cores(jobs), session.talk, merge=merge)
+        with session.spread("ingest", backend, scheduler, jobs, found) as at_once:
+            done = pipeline.ingest(session.recipe, session.workspace, found, at_once, session.talk, merge=merge)
     session.talk.table("Logs", list(LOG_COLUMNS), done.rows())
     session.talk.result(done.plain(), *done.lines())
     if done.refused:
@@ -214,6 +222,9 @@ def curate(
     recipe: RecipeOption = None,
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
+    jobs: JobsOption = None,
+    backend: BackendOption = "local",
+    scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -224,10 +235,10 @@ def curate(
     from maglev_offline import pipeline
     from maglev_offline.curate.words import exit_code
 
-    session = open_session(recipe, workspace, as_json, quiet, plant)
+    session = open_session(recipe, settled(workspace, backend), as_json, quiet, plant)
     session = with_options(session, "curate", construction=construction, balance=balance)
-    with session.at_work("curate"):
-        done = pipeline.curate(session.recipe, session.workspace, session.talk)
+    with session.spread("curate", backend, scheduler, jobs) as at_once:
+        done = pipeline.curate(session.recipe, session.workspace, at_once, session.talk)
     session.talk.result(done.plain(), *done.lines())
     code = exit_code(done.data["diagnostic"]["verdict"], fail_on)
     if code:

@@ -9,16 +9,18 @@ from maglev_offline.cli import completion
 from maglev_offline.cli.options import (
     HERE,
     AlgoOption,
+    BackendOption,
     JobsOption,
     JsonOption,
     PlantOption,
     QuietOption,
     RecipeOption,
+    SchedulerOption,
     Session,
     WorkspaceOption,
-    cores,
     on_workspace,
     open_session,
+    settled,
     with_options,
 )
 
@@ -152,17 +154,19 @@ def train(
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
+    backend: BackendOption = "local",
+    scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Train DDPG or TD3 over many seeds in the simulator, from an empty or a prefilled buffer."""
     from maglev_offline import pipeline
 
-    session = _resized(open_session(recipe, workspace, as_json, quiet, plant), seeds, steps)
+    session = _resized(open_session(recipe, settled(workspace, backend), as_json, quiet, plant), seeds, steps)
     session = with_options(session, "training", engine=engine)
-    with session.at_work("train"):
+    with session.spread("train", backend, scheduler, jobs) as at_once:
         done = pipeline.train(
-            session.recipe, session.workspace, algo, arm, cores(jobs), session.talk, tensorboard=tensorboard
+            session.recipe, session.workspace, algo, arm, at_once, session.talk, tensorboard=tensorboard
         )
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
@@ -182,6 +186,8 @@ def transfer(
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
+    backend: BackendOption = "local",
+    scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -192,10 +198,10 @@ def transfer(
     from maglev_offline import pipeline
     from maglev_offline.transfer.words import negative_arms
 
-    session = _resized(open_session(recipe, workspace, as_json, quiet, plant), seeds, steps)
+    session = _resized(open_session(recipe, settled(workspace, backend), as_json, quiet, plant), seeds, steps)
     session = with_options(session, "training", engine=engine)
-    with session.at_work("transfer"):
-        done = pipeline.transfer(session.recipe, session.workspace, cores(jobs), session.talk, power=power)
+    with session.spread("transfer", backend, scheduler, jobs) as at_once:
+        done = pipeline.transfer(session.recipe, session.workspace, at_once, session.talk, power=power)
     session.talk.table(done.title, list(done.columns), done.rows)
     session.talk.result(done.plain(), *done.lines())
     found = [done.data["verdict"], *done.data["other_periods_ms"].values()]

@@ -1,18 +1,20 @@
 """Options that every command shares, and the session that they open."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec
 
 import typer
 
 from maglev_offline.cli import completion
 
 if TYPE_CHECKING:
+    from maglev_offline.cluster import Backend
     from maglev_offline.console import Talk
+    from maglev_offline.filesystems import Where
     from maglev_offline.recipe import Recipe
     from maglev_offline.workspace import Workspace
 
@@ -46,7 +48,27 @@ AlgoOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON document, for scripts.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no remarks.")]
 JobsOption = Annotated[
-    int | None, typer.Option("--jobs", "-j", min=1, help="Processes; the bytes are the same. [default: all cores]")
+    int | None,
+    typer.Option(
+        "--jobs", "-j", min=1, help="Processes, or tasks on a cluster; the bytes are the same. [default: all]"
+    ),
+]
+
+BackendOption = Annotated[
+    Literal["local", "dask", "ray"],
+    typer.Option(
+        "--backend",
+        envvar="MAGLEV_OFFLINE_BACKEND",
+        help="Where the work is done: in processes here, or on a cluster, with --scheduler; the bytes are the same.",
+    ),
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        envvar="MAGLEV_OFFLINE_SCHEDULER",
+        help="Address of the cluster: tcp://HOST:8786 (Dask), HOST:6379 (Ray, from one of its nodes).",
+    ),
 ]
 
 HERE = "workspace"
@@ -71,6 +93,24 @@ class Session:
             yield
             if self.given is not None:
                 remember(self.workspace.root, self.given)
+
+    @contextmanager
+    def spread(
+        self,
+        command: str,
+        backend: "Backend",
+        scheduler: str | None,
+        jobs: int | None,
+        logs: "Sequence[Where]" = (),
+    ) -> Iterator[int]:
+        """Be at work, on a cluster where one is given; gives how many tasks may go on at once."""
+        from maglev_offline.cluster import workers
+
+        with (
+            self.at_work(command),
+            workers(backend, scheduler, jobs, self.workspace.root, self.talk, logs) as at_once,
+        ):
+            yield at_once
 
 
 def open_session(
@@ -141,6 +181,16 @@ def with_options(session: Session, table: str, **given: int | float | str | list
     data = session.recipe.plain()
     data[table] |= numbers
     return replace(session, recipe=parse_recipe(data, ", ".join(f"--{key.replace('_', '-')}" for key in numbers)))
+
+
+def settled(workspace: str, backend: str) -> str:
+    """The workspace as the workers of a cluster find it, whose current folder is another."""
+    return workspace if backend == "local" else str(Path(workspace).absolute())
+
+
+def settled_logs(logs: "Sequence[Where]", backend: str) -> "list[Where]":
+    """The same for logs."""
+    return [log.absolute() if isinstance(log, Path) and backend != "local" else log for log in logs]
 
 
 def cores(jobs: int | None) -> int:

@@ -7,15 +7,18 @@ import typer
 
 from maglev_offline.cli.options import (
     HERE,
+    BackendOption,
     JobsOption,
     JsonOption,
     PlantOption,
     QuietOption,
     RecipeOption,
+    SchedulerOption,
     WorkspaceOption,
-    cores,
     on_workspace,
     open_session,
+    settled,
+    settled_logs,
 )
 
 
@@ -67,6 +70,8 @@ def run(
     plant: PlantOption = None,
     workspace: WorkspaceOption = HERE,
     jobs: JobsOption = None,
+    backend: BackendOption = "local",
+    scheduler: SchedulerOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -78,10 +83,11 @@ def run(
     if recipe is None and (not logs or logs[0].endswith(".mcap")):
         raise typer.BadParameter("give a recipe: maglev-offline run pipelines/quickstart.toml", param_hint="RECIPE")
     chosen = recipe or Path(logs.pop(0))
-    session = open_session(chosen, workspace, as_json, quiet, plant)
+    session = open_session(chosen, settled(workspace, backend), as_json, quiet, plant)
     paths = find_logs(logs) if logs else find_logs(session.recipe.logs, relative_to=chosen.parent)
-    with session.at_work("run"):
-        done = pipeline.run(session.recipe, session.workspace, paths, cores(jobs), session.talk)
+    paths = settled_logs(paths, backend)
+    with session.spread("run", backend, scheduler, jobs, paths) as at_once:
+        done = pipeline.run(session.recipe, session.workspace, paths, at_once, session.talk)
     session.talk.result(done.plain(), *done.lines())
     if done.refused:
         raise typer.Exit(2)

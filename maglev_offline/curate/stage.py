@@ -40,12 +40,14 @@ def curate(
     cascade: CascadeGains = _CASCADE,
     folders: Sequence[Path] | None = None,
     home: Path | None = None,
+    jobs: int = 1,
     progress: Progress = SILENT,
 ) -> tuple[Path, bool]:
     """Make the `transitions` artefact from samples; return its folder and whether anything was done.
 
     `pid`, `cascade`: the gains of the laws that the recovery may find in the logs. `folders`: the samples artefacts to
     take; all of the workspace, where it is not given. `home`: another place for the artefact, below the workspace.
+    `jobs`: parts of the recovery that go on at once; the bytes are the same.
 
     The folder holds `transitions.parquet` (the curated set, from the logs for training) and `candidates.parquet` (every
     usable transition of all logs), so that nothing that balance left out is lost; and what was judged before training:
@@ -67,7 +69,7 @@ def curate(
 
     samples = load_samples(folders)
     belief = Belief(settings.recovery, pid, cascade)
-    found = usable_rows(samples, str(workspace.path("samples")), settings, plant, mdp, belief)
+    found = usable_rows(samples, str(workspace.path("samples")), settings, plant, mdp, belief, jobs)
     made = _balanced(found.candidates, samples["log_id"].unique(), settings, plant, mdp)
     judged = _judged(samples, made.training, settings, plant, mdp)
     manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)

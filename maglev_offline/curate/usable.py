@@ -41,9 +41,11 @@ class Usable(NamedTuple):
 
 
 def usable_rows(
-    samples: pd.DataFrame, where: str, settings: CurateSettings, plant: Plant, mdp: Mdp, belief: Belief
+    samples: pd.DataFrame, where: str, settings: CurateSettings, plant: Plant, mdp: Mdp, belief: Belief, jobs: int = 1
 ) -> Usable:
     """Make the rows of the recipe's construction, and say which of them are usable; `where` names the samples.
+
+    `jobs`: parts of the recovery that go on at once.
 
     Raises
     ------
@@ -56,7 +58,7 @@ def usable_rows(
             where=where,
             todo="Look at [ingest] longest_bridge_ms against the period of the messages.",
         )
-    table, recovery = _made(pairs, settings, plant, mdp, belief)
+    table, recovery = _made(pairs, settings, plant, mdp, belief, jobs)
     reason = unusable(table, mdp)
     idle_rules = _leave_out_by_rules(table, reason, settings)
     if settings.share_kept is not None:
@@ -75,13 +77,13 @@ def usable_rows(
 
 
 def _made(
-    pairs: Pairs, settings: CurateSettings, plant: Plant, mdp: Mdp, belief: Belief
+    pairs: Pairs, settings: CurateSettings, plant: Plant, mdp: Mdp, belief: Belief, jobs: int
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
     """The rows of the construction, and the facts of the recovery: of all samples where the rows come from it."""
     if settings.construction == "reconstructed":
-        recovered = recover_logs(pairs.samples, plant, mdp, belief)
+        recovered = recover_logs(pairs.samples, plant, mdp, belief, jobs)
         return reconstructed_rows(pairs, plant, mdp, recovered), recovery_facts(pairs.samples, recovered.logs)
-    found = pilot(pairs.samples, plant, mdp, belief)
+    found = pilot(pairs.samples, plant, mdp, belief, jobs)
     return CONSTRUCTIONS[settings.construction](pairs, plant, mdp), recovery_facts(pairs.samples, found)
 
 

@@ -15,13 +15,16 @@ PACKAGE = Path(__file__).parents[1]
 
 EXTRAS = {
     "export": "`policy export --format onnx`",
+    "dask": "`--backend dask`",
     "exports": "`prefill --format d3rlpy` and `minari`",
+    "ray": "`--backend ray`",
     "tensorboard": "`train --tensorboard`",
 }
 """What the optional packages of a user are for."""
 
 SOURCE_EXTRAS = {
     "bench": "benchmarks/ingest.py, in an environment of its own",
+    "clusters": "`make clusters`, which makes an environment of its own",
     "dev": "`make check` and `make test` (`make setup` gets them)",
     "foreign": "`make exports`, which makes an environment of its own",
 }

@@ -5,8 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import joblib
-
 from maglev_offline.filesystems import Where
 from maglev_offline.ingest import rules
 from maglev_offline.logs.channels import LogInfo, read_survey
@@ -17,6 +15,7 @@ from maglev_offline.logs.slabs import Slab, bytes_of_row
 from maglev_offline.logs.source import open_source
 from maglev_offline.logs.structure import Damage, Span, Structure
 from maglev_offline.progress import SILENT, Progress
+from maglev_offline.spread import spread
 
 IN_MEMORY_BYTES = 64 * 2**20
 """Decoded messages of a log are held in memory up to so many bytes; those of a larger one wait on disk."""
@@ -116,9 +115,9 @@ _Work = tuple[int, Part, tuple[Span, ...]]
 
 def _reads(work: Sequence[_Work], wanted: Mapping[str, TopicWanted], scratch: Path, jobs: int) -> Iterator[ReadRun]:
     if jobs > 1 and len(work) > 1:
-        yield from joblib.Parallel(n_jobs=jobs, return_as="generator")(
-            joblib.delayed(_read)(part, spans, wanted, scratch / f"{number}.slabs")
-            for number, (_, part, spans) in enumerate(work)
+        to = (scratch / f"{number}.slabs" for number in range(len(work)))
+        yield from spread(
+            _read, ((part, spans, wanted, path) for (_, part, spans), path in zip(work, to, strict=True)), jobs
         )
         return
     expected: Counter[str] = Counter()

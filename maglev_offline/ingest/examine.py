@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-import joblib
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from maglev_offline.ingest.topics import CleanTopic
 from maglev_offline.ingest.windows import Window, windows
 from maglev_offline.logs.slabs import MemorySlab
 from maglev_offline.memory import give_back
+from maglev_offline.spread import spread
 
 
 class Sink(Protocol):
@@ -128,9 +128,7 @@ def _points(
 ) -> Iterator[PointDone]:
     points = list(context.plan.sources)
     if jobs > 1 and len(points) > 1 and not any(isinstance(slab, MemorySlab) for slab, _ in window.slabs):
-        yield from joblib.Parallel(n_jobs=jobs, return_as="generator", pre_dispatch=2 * jobs)(
-            joblib.delayed(do_point)(context, window, point, shared, hashers[point]) for point in points
-        )
+        yield from spread(do_point, ((context, window, point, shared, hashers[point]) for point in points), jobs)
         return
     for point in points:
         yield do_point(context, window, point, shared, hashers[point])

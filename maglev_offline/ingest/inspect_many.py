@@ -4,8 +4,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import joblib
-
 from maglev_offline.errors import LogError
 from maglev_offline.filesystems import Where
 from maglev_offline.ingest.content_findings import content_findings
@@ -15,6 +13,7 @@ from maglev_offline.ingest.inspect import Inspected, inspect_log
 from maglev_offline.ingest.request import Request
 from maglev_offline.ingest.store import is_large
 from maglev_offline.progress import SILENT, Progress
+from maglev_offline.spread import spread
 
 
 @dataclass(frozen=True)
@@ -72,9 +71,7 @@ def _each(logs: Sequence[Where], request: Request, jobs: int) -> "Iterator[Inspe
     """In the order of the logs, each as soon as it is done."""
     if jobs == 1 or len(logs) == 1 or any(is_large(log) for log in logs):
         return (_one(log, request, jobs) for log in logs)
-    work = joblib.Parallel(n_jobs=jobs, return_as="generator")(joblib.delayed(_one)(log, request, 1) for log in logs)
-    found: Iterator[Inspected | LogError] = iter(work)
-    return found
+    return spread(_one, ((log, request, 1) for log in logs), jobs)
 
 
 def _one(where: Where, request: Request, jobs: int) -> "Inspected | LogError":

@@ -234,22 +234,23 @@ def _tasks(
 def _work(
     tasks: Sequence[_Task], workspace: Workspace, request: Request, jobs: int, progress: Progress
 ) -> Iterator[LogOutcome]:
-    """Small logs side by side, large ones one after the other."""
+    """Small logs side by side, large ones one after the other, whose parts are shared; on a cluster a log is one task,
+    since what its parts share would go over the network."""
+    from maglev_offline.spread import on_cluster, spread
+
+    elsewhere = on_cluster()
     small: list[_Task] = []
     large: list[_Task] = []
     for task in tasks:
-        alone = len(tasks) == 1 or any(is_large(part) for part in task.parts)
+        alone = not elsewhere and (len(tasks) == 1 or any(is_large(part) for part in task.parts))
         (large if alone else small).append(task)
     with progress.task("ingest", len(tasks), "logs") as tick:
-        if small:
-            import joblib  # only where there is something to do
-
-            side_by_side = joblib.Parallel(n_jobs=jobs, return_as="generator")(
-                joblib.delayed(_ingest_one)(task, workspace, request) for task in small
-            )
-            for outcome in side_by_side:
-                tick(1)
-                yield outcome
+        done = spread(_ingest_one, ((task, workspace, request) for task in small), jobs)
+        for task, outcome in zip(small, done, strict=True):
+            if elsewhere and outcome.folder is not None:
+                workspace.wait_for(outcome.folder, task.mark)
+            tick(1)
+            yield outcome
         for task in large:
             outcome = _ingest_one(task, workspace, request, jobs, progress)
             tick(1)

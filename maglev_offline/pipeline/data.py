@@ -40,7 +40,7 @@ def ingest(
     if not result.folders:
         return Ingested(list(result.logs), None)
     _tell_shared(recipe, workspace, progress)
-    curated = curate(recipe, workspace, progress, folders=result.folders if only else None)
+    curated = curate(recipe, workspace, jobs, progress, folders=result.folders if only else None)
     return Ingested(list(result.logs), curated)
 
 
@@ -69,7 +69,9 @@ def would_ingest(
     return Ingested(list(dry_run(logs, recipe.request, jobs=jobs, merge=merge, progress=progress).logs), None)
 
 
-def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders: Sequence[Path] | None = None) -> Done:
+def curate(
+    recipe: Recipe, workspace: Workspace, jobs: int, progress: Progress, *, folders: Sequence[Path] | None = None
+) -> Done:
     """Curate transitions from `folders`, or from those samples in the workspace that this recipe made.
 
     Raises
@@ -90,6 +92,7 @@ def curate(recipe: Recipe, workspace: Workspace, progress: Progress, *, folders:
         pid=recipe.control.pid,
         cascade=recipe.control.cascade,
         folders=folders,
+        jobs=jobs,
         progress=progress,
     )
     manifest = Manifest.read(folder)

@@ -55,7 +55,7 @@ def train(
     if tensorboard:
         require_tensorboard()
     plan = plan_of(arm, recipe.transfer, recipe.curate, recipe.training)
-    arms = arms_of(workspace, recipe.world, algorithms(recipe, asked), [plan], recipe.sources)
+    arms = arms_of(workspace, recipe.world, algorithms(recipe, asked), [plan], recipe.sources, jobs)
     folders, trained = train_arms(workspace, arms, recipe.world, jobs=jobs, progress=progress, tensorboard=tensorboard)
     blocks = [folder for group in folders.values() for folder in group]
     curves, facts = load_curves(blocks), [Manifest.read(folder).facts for folder in blocks]
@@ -142,7 +142,7 @@ def _transfer_at(
     made = Manifest.read(workspace.path("transitions"))
     curate(
         there, recipe.curate, world.plant, world.mdp, pid=recipe.control.pid, cascade=recipe.control.cascade,
-        folders=[there.path(name) for name in made.inputs], progress=progress,
+        folders=[there.path(name) for name in made.inputs], jobs=jobs, progress=progress,
     )  # fmt: skip
     settings = settings_at(recipe.transfer, recipe.world, period_ms)
     folder, _ = run_transfer(there, world, settings, recipe.sources, jobs=jobs, progress=progress)

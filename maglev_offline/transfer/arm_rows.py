@@ -29,7 +29,9 @@ class Sources(NamedTuple):
     control: ControlSettings
 
 
-def prefill_of(workspace: Workspace, plan: Plan, algorithm: Algorithm, world: World, sources: Sources) -> Path | None:
+def prefill_of(
+    workspace: Workspace, plan: Plan, algorithm: Algorithm, world: World, sources: Sources, jobs: int = 1
+) -> Path | None:
     """The prefill artefact of an arm, made where it is missing; None where the buffer starts empty.
 
     Raises
@@ -40,12 +42,12 @@ def prefill_of(workspace: Workspace, plan: Plan, algorithm: Algorithm, world: Wo
         return None
     if plan.rows == "log" and plan.curate is None:
         return make_prefill(workspace, algorithm, sources.prefill, world.plant, world.mdp)[0]
-    rows = transitions_of(workspace, plan, world, sources)
+    rows = transitions_of(workspace, plan, world, sources, jobs)
     home = workspace.path("arms", plan.name, algorithm)
     return make_prefill(workspace, algorithm, sources.prefill, world.plant, world.mdp, source=rows, home=home)[0]
 
 
-def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sources) -> Path:
+def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sources, jobs: int = 1) -> Path:
     """The transitions of an arm that has rows.
 
     Raises
@@ -56,7 +58,7 @@ def transitions_of(workspace: Workspace, plan: Plan, world: World, sources: Sour
     made = fitting_transitions(base, world.plant, world.mdp)
     if plan.curate is not None:
         _refuse_other_tables(base, made, plan.name, sources)
-        base = _curated(workspace, plan.curate, base, world, sources)
+        base = _curated(workspace, plan.curate, base, world, sources, jobs)
     if plan.rows == "log":
         return base
     return _made(workspace, plan, base, world, sources)
@@ -77,7 +79,9 @@ def _refuse_other_tables(base: Path, made: Manifest, arm: str, sources: Sources)
         )
 
 
-def _curated(workspace: Workspace, settings: CurateSettings, recipes: Path, world: World, sources: Sources) -> Path:
+def _curated(
+    workspace: Workspace, settings: CurateSettings, recipes: Path, world: World, sources: Sources, jobs: int
+) -> Path:
     """Transitions curated otherwise than the recipe's own (`recipes`), from the same samples.
 
     Their folder is named by the table, so that arms which differ in training only share it.
@@ -94,6 +98,7 @@ def _curated(workspace: Workspace, settings: CurateSettings, recipes: Path, worl
         cascade=sources.control.cascade,
         folders=[workspace.path(sample) for sample in Manifest.read(recipes).inputs],
         home=workspace.path("curated", name),
+        jobs=jobs,
     )
     return folder
 

@@ -29,25 +29,30 @@ STATISTICS = "BCa, expanded; Holm of exact signs; foretold by groups"
 
 
 def arms_of(
-    workspace: Workspace, world: World, algorithms: Iterable[Algorithm], plans: Iterable[Plan], sources: Sources
+    workspace: Workspace,
+    world: World,
+    algorithms: Iterable[Algorithm],
+    plans: Iterable[Plan],
+    sources: Sources,
+    jobs: int = 1,
 ) -> list[Arm]:
     """The arms of these plans for these algorithms, with the prefill artefact of each made where it is missing."""
     plans = list(plans)
     return [
-        Arm(algorithm, plan.name, prefill_of(workspace, plan, algorithm, world, sources), plan.training)
+        Arm(algorithm, plan.name, prefill_of(workspace, plan, algorithm, world, sources, jobs), plan.training)
         for algorithm in dict.fromkeys(algorithms)
         for plan in plans
     ]
 
 
 def _parts(
-    workspace: Workspace, plans: list[Plan], world: World, settings: TransferSettings, sources: Sources
+    workspace: Workspace, plans: list[Plan], world: World, settings: TransferSettings, sources: Sources, jobs: int
 ) -> tuple[Plan, list[Part]] | None:
     """The arm whose rows are parted, and the parts, where the recipe asks for it."""
     if not settings.attribution:
         return None
     whole = next(plan for plan in plans if plan.name == settings.attributed)
-    table = read_transitions(transitions_of(workspace, whole, world, sources))
+    table = read_transitions(transitions_of(workspace, whole, world, sources, jobs))
     return whole, parts_of(table, settings.attribution, world.mdp)
 
 
@@ -76,14 +81,14 @@ def run_transfer(
         raise InputError("the recipe trains no algorithm.", where="[training] algorithms", todo="Name ddpg or td3.")
     _check_windows(world, settings)
     plans = [plan_of(name, settings, sources.curate, world.training) for name in dict.fromkeys(settings.arms)]
-    parted = _parts(workspace, plans, world, settings, sources)
+    parted = _parts(workspace, plans, world, settings, sources, jobs)
     if parted is not None:
         plans += [plan_without(part, parted[0], sources.curate) for part in parted[1]]
     if len(plans) > 2:
         progress.say(
             f"transfer: {len(plans)} arms, {len(plans) - len(settings.arms)} of them to attribute; first their rows."
         )
-    arms = arms_of(workspace, world, world.training.algorithms, plans, sources)
+    arms = arms_of(workspace, world, world.training.algorithms, plans, sources, jobs)
     folders, _ = train_arms(workspace, arms, world, jobs=jobs, progress=progress)
     inputs = {f"training/{arm.title}/{folder.name}": input_hash(folder) for arm in arms for folder in folders[arm]}
     home = workspace.path("transfer")

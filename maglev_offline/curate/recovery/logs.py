@@ -7,9 +7,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from maglev_offline.curate.recovery.belief import Belief
-from maglev_offline.curate.recovery.between import Periods, joined_periods, periods_of
+from maglev_offline.curate.recovery.between import Periods, joined_periods
+from maglev_offline.curate.recovery.groups import Wanted, recover_all, surprises
 from maglev_offline.curate.recovery.model import Model
-from maglev_offline.curate.recovery.recover import ITERATIONS, Recovery, recover
+from maglev_offline.curate.recovery.recover import ITERATIONS, Recovery
 from maglev_offline.curate.recovery.settings import LawName, RecoverySettings
 from maglev_offline.curate.recovery.tracks import Tracks, tracks_of
 from maglev_offline.mdp import Mdp
@@ -27,11 +28,12 @@ MOST_SURPRISE = 100.0
 
 
 class LogRecovery(NamedTuple):
-    """Logs (samples of one period) that one law was taken for, and what was found in them."""
+    """Logs (samples of one period) that one law was taken for, and what was found in them and between their samples."""
 
     log_ids: tuple[str, ...]
     law: LawName
     recovery: Recovery
+    periods: Periods
 
 
 class Recovered(NamedTuple):
@@ -42,12 +44,14 @@ class Recovered(NamedTuple):
     explained: NDArray[np.bool_]
 
 
-def recover_logs(samples: pd.DataFrame, plant: Plant, mdp: Mdp, belief: Belief | None = None) -> Recovered:
-    """Recover all samples of a table that is in the order of `Pairs.samples`."""
-    logs = recover_parts(samples, plant, mdp, belief or Belief())
+def recover_logs(
+    samples: pd.DataFrame, plant: Plant, mdp: Mdp, belief: Belief | None = None, jobs: int = 1
+) -> Recovered:
+    """Recover all samples of a table that is in the order of `Pairs.samples`; `jobs` groups of chains at once."""
+    logs = recover_parts(samples, plant, mdp, belief or Belief(), jobs=jobs)
     periods, explained = [], []
     for one in logs:
-        mine = periods_of(one.recovery)
+        mine = one.periods
         tracks = one.recovery.tracks
         fine = np.zeros(len(samples), dtype=bool)
         fine[tracks.row[tracks.inner]] = one.recovery.trusted
@@ -70,9 +74,11 @@ def recover_parts(
     most_chains: int | None = None,
     most: int | None = None,
     iterations: int = ITERATIONS,
+    jobs: int = 1,
 ) -> list[LogRecovery]:
     """Recover the chains of each log (`most_chains` of them, spread evenly, `most` samples in the middle of each)."""
-    found = []
+    found: list[tuple[tuple[str, ...], LawName]] = []
+    wanted: list[Wanted] = []
     for tracks in tracks_of(samples):
         log_of_chain = samples["log_id"].to_numpy()[tracks.row[tracks.start]]
         logs = pd.unique(log_of_chain)
@@ -81,13 +87,14 @@ def recover_parts(
         settings = belief.settings
         names: tuple[LawName, ...] = ("pid", "cascade", "none") if settings.law == "auto" else (settings.law,)
         models = {law: Model(plant, mdp, settings, belief.gain(plant, law), tracks.period_s, line) for law in names}
-        law_of = _choices(tracks, chains, models)
+        law_of = _choices(tracks, chains, models, jobs)
         for law, model in models.items():
             mine = [log for log in logs if law_of[log] == law]
             if mine:
                 part = tracks.part(np.sort(np.concatenate([chains[log] for log in mine])), most, middle=True)
-                found.append(LogRecovery(tuple(map(str, mine)), law, recover(model, part, iterations)))
-    return found
+                found.append((tuple(map(str, mine)), law))
+                wanted.append(Wanted(model, part, iterations))
+    return [LogRecovery(*which, *one) for which, one in zip(found, recover_all(wanted, jobs), strict=True)]
 
 
 def some_of(chains: NDArray[np.int64], most: int | None) -> NDArray[np.int64]:
@@ -97,7 +104,9 @@ def some_of(chains: NDArray[np.int64], most: int | None) -> NDArray[np.int64]:
     return chains[np.linspace(0, len(chains) - 1, most).round().astype(np.int64)]
 
 
-def _choices(tracks: Tracks, chains: dict[str, NDArray[np.int64]], models: dict[LawName, Model]) -> dict[str, LawName]:
+def _choices(
+    tracks: Tracks, chains: dict[str, NDArray[np.int64]], models: dict[LawName, Model], jobs: int
+) -> dict[str, LawName]:
     """For each log the law that foretells its samples best, in the mean log-likelihood of a sample, or none."""
     names = list(models)
     if len(names) == 1:
@@ -106,8 +115,8 @@ def _choices(tracks: Tracks, chains: dict[str, NDArray[np.int64]], models: dict[
     together = np.sort(np.concatenate(list(tried.values())))
     part = tracks.part(together, TRIED_SAMPLES)
     surprise = np.empty((len(names), len(part.start)))
-    for k, (name, model) in enumerate(models.items()):
-        each = recover(model, part, TRIED_ITERATIONS).found.surprise
+    wanted = [Wanted(model, part, TRIED_ITERATIONS) for model in models.values()]
+    for k, (name, each) in enumerate(zip(names, surprises(wanted, jobs), strict=True)):
         each = np.where(np.isfinite(each), np.clip(each, -MOST_SURPRISE, MOST_SURPRISE), MOST_SURPRISE)
         surprise[k] = np.bincount(part.chain, weights=each + LEAST_GAIN * (name != "none"))
     place = {log: np.searchsorted(together, mine) for log, mine in tried.items()}

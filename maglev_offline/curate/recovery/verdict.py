@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from maglev_offline.control.feedback import closed_loop_poles
 from maglev_offline.curate.recovery.belief import Belief
-from maglev_offline.curate.recovery.between import Periods, periods_of
+from maglev_offline.curate.recovery.between import Periods
 from maglev_offline.curate.recovery.logs import LogRecovery, recover_parts, some_of
 from maglev_offline.curate.recovery.model import Model
 from maglev_offline.curate.recovery.tracks import ORIGINS, SIGNALS
@@ -27,12 +27,12 @@ TRUSTED, LIMITED = 0.9, 0.5
 has to explain. 0.9 leaves an error of a third of the spread."""
 
 
-def pilot(samples: pd.DataFrame, plant: Plant, mdp: Mdp, belief: Belief) -> list[LogRecovery]:
+def pilot(samples: pd.DataFrame, plant: Plant, mdp: Mdp, belief: Belief, jobs: int = 1) -> list[LogRecovery]:
     """Recover a small part of the logs; `samples` in the order of `Pairs.samples`."""
     logs = pd.unique(samples["log_id"])
     some = logs[some_of(np.arange(len(logs)), PILOT_LOGS)]
     part = samples[samples["log_id"].isin(some)].reset_index(drop=True)
-    return recover_parts(part, plant, mdp, belief, PILOT_CHAINS, PILOT_SAMPLES, PILOT_ITERATIONS)
+    return recover_parts(part, plant, mdp, belief, PILOT_CHAINS, PILOT_SAMPLES, PILOT_ITERATIONS, jobs)
 
 
 def recovery_facts(samples: pd.DataFrame, logs: list[LogRecovery]) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def recovery_facts(samples: pd.DataFrame, logs: list[LogRecovery]) -> dict[str, 
     weight = sum(len(one.recovery.tracks) for one in logs)
     intervals = sum(len(one.recovery.trusted) for one in logs)
     explained = sum(int(one.recovery.trusted.sum()) for one in logs)
-    std, spread = _errors([(one, periods_of(one.recovery)) for one in logs])
+    std, spread = _errors([(one, one.periods) for one in logs])
     known = None if std is None or spread is None else [1 - (e / s) ** 2 for e, s in zip(std, spread, strict=True)]
     share = explained / intervals if intervals else 0.0
     signals = _signals(samples)
