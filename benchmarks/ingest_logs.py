@@ -47,12 +47,12 @@ class Block(NamedTuple):
     values: NDArray[np.float64]
 
 
-def blocks(messages: int) -> Iterator[Block]:
+def blocks(messages: int, first_tick: int = 0) -> Iterator[Block]:
     """Yield the same messages every time: slow motion about the set-point, with the noise of sensors."""
     ticks = -(-messages // POINTS)
     for first in range(0, ticks, _BLOCK_TICKS):
-        tick = np.arange(first, min(first + _BLOCK_TICKS, ticks))
-        block = _block(tick, np.random.default_rng([5, first]))
+        tick = first_tick + np.arange(first, min(first + _BLOCK_TICKS, ticks))
+        block = _block(tick, np.random.default_rng([5, first_tick + first]))
         rest = messages - first * POINTS
         yield block if rest >= len(block.sequence) else Block(*(column[:rest] for column in block))
 
@@ -79,8 +79,8 @@ def _block(tick: NDArray[np.int64], random: np.random.Generator) -> Block:
     )
 
 
-def write_log(path: Path, encoding: str, messages: int) -> None:
-    """Write a log unless it is there already; it appears under its name only when whole."""
+def write_log(path: Path, encoding: str, messages: int, first_tick: int = 0) -> None:
+    """Write a log unless it is there already; it appears under its name only when whole. A tick is 100 ms."""
     if path.exists():
         return
     schema_encoding, schema, encode = {"cdr": _cdr, "protobuf": _protobuf, "json": _json}[encoding]()
@@ -91,7 +91,7 @@ def write_log(path: Path, encoding: str, messages: int) -> None:
         writer.start(profile="ros2" if encoding == "cdr" else "", library="maglev-offline benchmark")
         schema_id = writer.register_schema(name, schema_encoding, schema)
         channels = [writer.register_channel(topic, encoding, schema_id) for topic in TOPICS]
-        for block in blocks(messages):
+        for block in blocks(messages, first_tick):
             times = (block.log_time_ns.tolist(), block.stamp_ns.tolist(), block.sequence.tolist())
             for k, (payload, log_time, stamp, sequence) in enumerate(zip(encode(block), *times, strict=True)):
                 writer.add_message(channels[k % POINTS], log_time, payload, stamp, sequence)

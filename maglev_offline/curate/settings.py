@@ -27,7 +27,8 @@ class CurateSettings(Settings):
     `include` rules (or there are none) and no `exclude` rule; `balance` chooses `target_rows` of what remains. State
     and action are cut into `bins_*` cells between the `edge_quantile` and its complement, in which all balances are
     measured; with `cells` every cell gives as many rows as the fullest can spare. `low_cost_quantile` says what counts
-    as a low-cost row. `validation_share` of the logs (whole logs, never rows) are held out.
+    as a low-cost row. `validation_share` of the logs (whole logs, never rows) are held out. Where the workspace has
+    more than `most_samples` samples, so many are drawn, a minute of a point at a time; a million take 0.8 GB.
     """
 
     construction: ConstructionName = "raw"
@@ -36,6 +37,7 @@ class CurateSettings(Settings):
     exclude: tuple[Rule, ...] = ()
     balance: BalanceName = "cells"
     target_rows: int = Field(default=10_000, ge=1)
+    most_samples: int = Field(default=4_000_000, ge=1000)
     seed: int = Field(default=0, ge=0)
     bins_gap: int = Field(default=10, ge=1, le=1000)
     bins_velocity: int = Field(default=10, ge=1, le=1000)

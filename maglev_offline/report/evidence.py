@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from maglev_offline.ingest.samples import QUARANTINE, load_samples
+from maglev_offline.ingest.samples import QUARANTINE, SAMPLES, load_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.replay.prefill import load_prefill
@@ -234,9 +235,15 @@ def _artefacts(root: Path) -> dict[str, Artefact]:
     return dict(sorted(found.items()))
 
 
-def samples_of(log: Artefact) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The samples and the quarantine ledger of one log."""
-    return load_samples([log.folder]), pd.read_parquet(log.folder / QUARANTINE)
+def samples_of_a_point(log: Artefact) -> pd.DataFrame:
+    """The samples of the first point of a log, however many the others have."""
+    first = next(pq.ParquetFile(log.folder / SAMPLES).iter_batches(batch_size=1, columns=["point"]))
+    return load_samples([log.folder], str(first["point"][0]))
+
+
+def quarantine_of(log: Artefact) -> pd.DataFrame:
+    """The quarantine ledger of one log."""
+    return pd.read_parquet(log.folder / QUARANTINE)
 
 
 def _joined(paths: Iterable[Path]) -> pd.DataFrame | None:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from maglev_offline.report import figures_data
 from maglev_offline.report.coverage_table import coverage_table
-from maglev_offline.report.evidence import Artefact, Evidence, samples_of
+from maglev_offline.report.evidence import Artefact, Evidence, quarantine_of, samples_of_a_point
 from maglev_offline.report.numbers import NO_BREAK, NOTHING, interval, number, percent, plain, whole
 from maglev_offline.report.page import Block, Paragraph, Plot, Section, Table, not_yet
 from maglev_offline.report.settings import ReportSettings
@@ -128,7 +128,7 @@ def _sums(logs: list[Artefact]) -> list[Block]:
 def _left_out_table(evidence: Evidence, logs: list[Artefact]) -> Table:
     found: Counter[tuple[str, str]] = Counter()
     for log in logs:
-        _, ledger = samples_of(log)
+        ledger = quarantine_of(log)
         sums = ledger.groupby(["level", "code"], as_index=False)["count"].sum()
         for level, code, count in zip(sums["level"], sums["code"], sums["count"], strict=True):
             found[f"{level}s", str(code)] += int(count)
@@ -170,7 +170,7 @@ def trajectories_section(evidence: Evidence, settings: ReportSettings) -> Sectio
 
 def _trajectory(place: int, log: Artefact, settings: ReportSettings) -> Plot:
     """A stretch of the first point of a log."""
-    samples, quarantine = samples_of(log)
+    samples, quarantine = samples_of_a_point(log), quarantine_of(log)
     point = str(samples["point"].iloc[0])
     window = figures_data.trajectory_window(samples, quarantine, point, settings.example_duration_s)
     name = str(log.facts.get("file", log.folder.name))
