@@ -79,8 +79,8 @@ def _block(tick: NDArray[np.int64], random: np.random.Generator) -> Block:
     )
 
 
-def write_log(path: Path, encoding: str, messages: int, first_tick: int = 0) -> None:
-    """Write a log unless it is there already; it appears under its name only when whole. A tick is 100 ms."""
+def write_log(path: Path, encoding: str, messages: int) -> None:
+    """Write a log unless it is there already; it appears under its name only when whole."""
     if path.exists():
         return
     schema_encoding, schema, encode = {"cdr": _cdr, "protobuf": _protobuf, "json": _json}[encoding]()
@@ -91,7 +91,7 @@ def write_log(path: Path, encoding: str, messages: int, first_tick: int = 0) -> 
         writer.start(profile="ros2" if encoding == "cdr" else "", library="maglev-offline benchmark")
         schema_id = writer.register_schema(name, schema_encoding, schema)
         channels = [writer.register_channel(topic, encoding, schema_id) for topic in TOPICS]
-        for block in blocks(messages, first_tick):
+        for block in blocks(messages):
             times = (block.log_time_ns.tolist(), block.stamp_ns.tolist(), block.sequence.tolist())
             for k, (payload, log_time, stamp, sequence) in enumerate(zip(encode(block), *times, strict=True)):
                 writer.add_message(channels[k % POINTS], log_time, payload, stamp, sequence)
@@ -102,9 +102,13 @@ def write_log(path: Path, encoding: str, messages: int, first_tick: int = 0) -> 
 Encode = Callable[[Block], list[bytes]]
 
 
-def _cdr() -> tuple[str, bytes, Encode]:
+def cdr_schema() -> bytes:
+    """The definition of a message in ROS 2."""
     lines = ["builtin_interfaces/Time stamp", "uint32 sequence", *(f"float64 {name}" for name in FIELDS)]
-    schema = "\n".join([*lines, "=" * 80, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec", ""])
+    return "\n".join([*lines, "=" * 80, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec", ""]).encode()
+
+
+def _cdr() -> tuple[str, bytes, Encode]:
     layout = np.dtype(
         {
             "names": ["head", "sec", "nanosec", "sequence", "values"],
@@ -121,7 +125,7 @@ def _cdr() -> tuple[str, bytes, Encode]:
         raw, size = rows.tobytes(), layout.itemsize
         return [raw[at : at + size] for at in range(0, len(raw), size)]
 
-    return "ros2msg", schema.encode(), encode
+    return "ros2msg", cdr_schema(), encode
 
 
 @cache

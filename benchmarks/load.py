@@ -18,7 +18,8 @@ import time
 from pathlib import Path
 
 import processes
-from ingest_logs import POINTS, write_log
+from ingest_logs import POINTS
+from load_logs import write_day
 from processes import Row
 
 TICKS = 650_000
@@ -37,18 +38,18 @@ HEAD = ("logs", "messages", "logs, MB", "processes", "wall s", "CPU s", "ns of C
         "peak memory, MB", "workspace, MB", "peak disk, MB")  # fmt: skip
 
 
-def write_day(folder: Path, part: float, ticks: int, logs: int) -> tuple[list[Path], int]:
+def written(folder: Path, part: float, ticks: int, logs: int) -> tuple[list[Path], int]:
     """The first part of the day, as one log or in many; the logs and how many messages they hold."""
     folder.mkdir(parents=True, exist_ok=True)
     if logs == 1:
         mine = round(ticks * part)
         path = folder / f"day-{mine}.mcap"
-        write_log(path, "cdr", mine * POINTS)
+        write_day(path, mine)
         return [path], mine * POINTS
     each, count = max(1, ticks // logs), max(1, round(logs * part))
     paths = [folder / f"part-{number:04d}.mcap" for number in range(count)]
     for number, path in enumerate(paths):
-        write_log(path, "cdr", each * POINTS, number * each)
+        write_day(path, each, number * each)
     return paths, count * each * POINTS
 
 
@@ -156,7 +157,7 @@ def main() -> int:
         first: dict[int, Row] = {}
         for part in PARTS:
             started = time.perf_counter()
-            paths, messages = write_day(given.folder / "logs", part, round(TICKS * given.share), logs)
+            paths, messages = written(given.folder / "logs", part, round(TICKS * given.share), logs)
             print(
                 f"{len(paths)} logs, {messages:,} messages, written in {time.perf_counter() - started:.0f} s",
                 flush=True,
