@@ -144,6 +144,20 @@ def table(rows: list[Row]) -> list[str]:
     return lines
 
 
+def complaints(rows: list[Row]) -> list[str]:
+    """What the rows do not fulfil, in words."""
+    found = []
+    for row in rows:
+        name = f"{row['logs']:,} logs, {row['messages']:,} messages, {row['jobs']} processes"
+        if not row["whole"]:
+            found.append(f"{name}: not every message is used or quarantined")
+        if row["times"] > MOST_TIMES:
+            found.append(f"{name}: {row['times']:.2f} times the predicted time")
+        if row["memory"] > MOST_BYTES:
+            found.append(f"{name}: {row['memory'] / MB:,.0f} MB of memory")
+    return found
+
+
 def main() -> int:
     """Measure, print and judge."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -152,7 +166,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, nargs="+", default=[2])
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    rows, wrong = [], []
+    rows: list[Row] = []
     for logs in (1, max(2, round(LOGS * given.share))):
         first: dict[int, Row] = {}
         for part in PARTS:
@@ -168,16 +182,10 @@ def main() -> int:
                 row["times"] = row["cpu_s"] / row["messages"] / (alone["cpu_s"] / alone["messages"])
                 rows.append(row)
                 print(f"  {jobs} processes: {row['wall_s']:.1f} s, {row['rows']:,} rows", flush=True)
-                name = f"{row['logs']:,} logs, {row['messages']:,} messages, {jobs} processes"
-                if not row["whole"]:
-                    wrong.append(f"{name}: not every message is used or quarantined")
-                if row["times"] > MOST_TIMES:
-                    wrong.append(f"{name}: {row['times']:.2f} times the predicted time")
-                if row["memory"] > MOST_BYTES:
-                    wrong.append(f"{name}: {row['memory'] / MB:,.0f} MB of memory")
     print("\n".join(["", *(f"{k}: {v}" for k, v in processes.machine().items()), "", *table(rows)]))
     if given.json:
         given.json.write_text(json.dumps([{k: v for k, v in row.items() if k != "said"} for row in rows], indent=1))
+    wrong = complaints(rows)
     print(*wrong, sep="\n")
     return bool(wrong)
 

@@ -57,7 +57,7 @@ def run_identify(
     for text in found.warnings:
         progress.warn(text)
     made, source = fitted_plant(plant, found.parameters)
-    left_out = {**found.left_out, **({"not_drawn": drawn.left} if drawn.left else {})}
+    left_out = {**found.left_out, **({"samples_not_drawn": drawn.left} if drawn.left else {})}
     manifest = Manifest(KIND, mark, inputs, counts=found.counts, left_out=left_out)
     manifest.settings = {"identify": settings.model_dump(mode="json"), "plant": plant.model_dump(mode="json")}
     manifest.facts = _facts(found, made)

@@ -211,6 +211,11 @@ def coverage_section(evidence: Evidence) -> Section:
     label = f"Six histograms of {len(candidates)} transitions before balance and {len(curated)} after it."
     section.blocks.append(Plot("coverage", figures_data.coverage_figure(candidates, curated), caption, label))
     section.blocks.append(coverage_table(made.facts))
+    left = made.manifest.counts.get("samples_not_drawn", 0)
+    if left:
+        drawn = made.manifest.counts["samples"] - left
+        text = f"{whole(drawn)} of {whole(drawn + left)} samples were drawn for this, minutes of a point at random."
+        section.blocks.append(Paragraph(text, "note"))
     kept = made.facts["low_cost_share_kept"]
     section.blocks.append(
         Paragraph(

@@ -47,6 +47,7 @@ REASONS = {
     "not_in_include_rule": "The recipe includes certain rows only, and it is none of them.",
     "not_selected_by_balance": "Balance takes as many rows as the recipe asks for, and took others.",
     "held_out_for_validation": "The row belongs to a log that is held out for validation.",
+    "samples_not_drawn": "There are more samples than the recipe takes into memory, and others were drawn.",
     "over_prefill_rows": "The recipe asks for fewer rows.",
 }
 """What each reason code means."""
