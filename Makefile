@@ -7,7 +7,7 @@ DEMO := reports/quickstart
 
 STUDIES := changsha study cure
 
-.PHONY: setup demo test check study publish exports nightly clean
+.PHONY: setup demo test check wheel study publish exports nightly clean
 
 setup: $(VENV)/.installed
 
@@ -29,6 +29,9 @@ check: setup  ## what CI checks before the tests
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+wheel: setup  ## build one wheel, install it in a clean environment, and look at it from outside the tree; half a minute
+	.ci/wheel
 
 study: setup  ## the slow learning studies; hours, and what is stopped goes on where it was
 	$(BIN)/python -m pytest -m study

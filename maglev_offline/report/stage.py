@@ -144,7 +144,8 @@ def head_section(evidence: Evidence, recipe: Mapping[str, Any]) -> Section:
     head.blocks += [Paragraph(f"To be doubted: {doubt}", "warning") for doubt in doubts]
     foreign = evidence.foreign(recipe)
     if foreign:
-        text = f"Made with other tables than those of the recipe that this page shows: {', '.join(foreign)}."
+        text = "Made with other tables than those of the recipe that this page shows (by another recipe, or by options "
+        text += f"such as --seeds and --steps): {', '.join(foreign)}."
         head.blocks.append(Paragraph(text, "warning"))
     stale = evidence.stale()
     if stale:

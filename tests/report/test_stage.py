@@ -208,7 +208,7 @@ def test_doubts_are_told_in_the_head(workspace, recipe, read_page):
 def test_artefacts_of_another_recipe_are_named_with_their_tables(workspace, recipe, read_page):
     other = recipe.model_copy(update={"plant": Plant(mass_kg=650), "curate": CurateSettings(target_rows=301)})
     text = read_page(build(workspace, other, drawn=())[0]).text
-    told = text.split("Made with other tables than those of the recipe that this page shows:")[1].split("\n")[0]
+    told = text.split("such as --seeds and --steps):")[1].split("\n")[0]
     assert "transitions ([curate], [plant])" in told or "transitions ([plant], [curate])" in told
     assert "control ([plant])" in told
     assert "transfer ([plant])" in told
