@@ -99,7 +99,7 @@ def undrawn(monkeypatch):
     """Leave the figures of pages blank: to draw them is most of the work, and few tests look at them."""
     from maglev_offline.report import stage
 
-    monkeypatch.setattr(stage, "inline_svg", lambda figure, key: Markup('<svg viewBox="0 0 1 1"></svg>'))
+    monkeypatch.setattr(stage, "drawn", lambda plot: Markup('<svg viewBox="0 0 1 1"></svg>'))
 
 
 @pytest.fixture(scope="session")
