@@ -1,12 +1,10 @@
 """Surrogate logs made once, and a way to call the command line as the entry point does."""
 
-import importlib.util
 import json
 import os
 import shutil
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 from markupsafe import Markup
@@ -100,13 +98,3 @@ def undrawn(monkeypatch):
     from maglev_offline.report import stage
 
     monkeypatch.setattr(stage, "drawn", lambda plot: Markup('<svg viewBox="0 0 1 1"></svg>'))
-
-
-@pytest.fixture(scope="session")
-def mcap_files():
-    """The helper that writes small MCAP files."""
-    path = Path(__file__).parents[1] / "logs/mcap_files.py"
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
