@@ -6,8 +6,13 @@ BIN := $(VENV)/bin
 DEMO := reports/quickstart
 
 STUDIES := changsha study cure
+FAULTS ?= 20
+FUZZ ?= 20000
 
-.PHONY: setup demo test check wheel study publish exports nightly clean
+FAULTS ?= 20
+FUZZ ?= 20000
+
+.PHONY: setup demo test check wheel study publish exports faults fuzz nightly clean
 
 setup: $(VENV)/.installed
 
@@ -53,6 +58,12 @@ publish:  ## report, curves and verdicts of finished studies, from reports/NAME-
 
 exports: $(FOREIGN)/.installed  ## exported prefills in the libraries that they are for: d3rlpy, Minari, TorchRL, SB3
 	$(FOREIGN)/bin/python -m pytest tests/replay/exports
+
+faults: setup  ## commands killed, disks filled, files damaged and taken away; FAULTS of each kind and command
+	FAULTS=$(FAULTS) $(BIN)/python -m pytest -n 0 -m faults tests/faults
+
+fuzz: setup  ## FUZZ changed files of every kind that a user may be handed, from number FUZZ_FROM on
+	FUZZ=$(FUZZ) $(BIN)/python -m pytest -n 0 -s -m fuzz tests/fuzz
 
 nightly: setup exports  ## benchmarks in small, exports with the libraries that they are for, and a wheel looked at from outside
 	$(BIN)/python -m pytest -n auto -m nightly

@@ -65,7 +65,7 @@ def told(tmp_path_factory):
         patch.setattr(os, "sched_getaffinity", lambda _: {0})  # no worker processes, which would outlive the test
         patch.delenv("MAGLEV_OFFLINE_WORKSPACE", raising=False)
         # Figures are tested where they are drawn, and to draw them takes longer than all the rest.
-        patch.setattr(stage, "inline_svg", lambda figure, key: Markup('<svg viewBox="0 0 1 1"></svg>'))
+        patch.setattr(stage, "drawn", lambda plot: Markup('<svg viewBox="0 0 1 1"></svg>'))
         for (language, text), (after, shown) in itertools.pairwise([*blocks, ("", "")]):
             if language == "text":
                 continue

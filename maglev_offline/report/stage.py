@@ -181,13 +181,18 @@ def body_sections(
     ]
 
 
+def drawn(plot: Plot) -> Markup:
+    """The figure as markup, to be set into the page."""
+    return inline_svg(plot.figure(), plot.key)
+
+
 def render(title: str, head: Section, sections: list[Section], evidence: Evidence) -> str:
     """Set the page. Every text is escaped; only the figures, which matplotlib has escaped, are markup.
 
     A page with a figure that can be questioned has one script, which its security policy names by its hash.
     """
     environment = page_environment()
-    environment.globals["svg"] = lambda plot: inline_svg(plot.figure, plot.key)
+    environment.globals["svg"] = drawn
     environment.globals["json"] = json_block
     environment.tests["block"] = lambda block, kind: type(block).__name__ == kind
     moves = any(isinstance(block, Live) for section in sections for block in section.blocks)

@@ -18,7 +18,6 @@ from maglev_offline.report.evidence import gather
 from maglev_offline.report.numbers import interval, number, whole
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.stage import build_report
-from maglev_offline.report.svg import inline_svg
 from maglev_offline.workspace import Manifest, Workspace, sha256_of
 
 FIGURES = (
@@ -39,11 +38,13 @@ def build(workspace, recipe, drawn=FIGURES, **changes):
     `reported` has all of them drawn; a test of the words draws those that look different in its workspace.
     """
 
-    def draw(figure, key):
-        return inline_svg(figure, key) if key in drawn else Markup('<svg viewBox="0 0 1 1"></svg>')
+    real = stage.drawn
+
+    def draw(plot):
+        return real(plot) if plot.key in drawn else Markup('<svg viewBox="0 0 1 1"></svg>')
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage, "inline_svg", draw)
+        patch.setattr(stage, "drawn", draw)
         return build_report(workspace, ReportSettings(**changes), recipe.plain(), recipe.name)
 
 
