@@ -9,9 +9,6 @@ STUDIES := changsha study cure
 FAULTS ?= 20
 FUZZ ?= 20000
 
-FAULTS ?= 20
-FUZZ ?= 20000
-
 .PHONY: setup demo test check wheel study publish exports faults fuzz nightly clean
 
 setup: $(VENV)/.installed
