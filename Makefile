@@ -9,7 +9,7 @@ STUDIES := changsha study cure
 FAULTS ?= 20
 FUZZ ?= 20000
 
-.PHONY: setup demo test check study publish exports faults fuzz nightly clean
+.PHONY: setup demo test check wheel study publish exports faults fuzz nightly clean
 
 setup: $(VENV)/.installed
 
@@ -31,6 +31,9 @@ check: setup  ## what CI checks before the tests
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+wheel: setup  ## build one wheel, install it in a clean environment, and look at it from outside the tree; half a minute
+	.ci/wheel
 
 study: setup  ## the slow learning studies; hours, and what is stopped goes on where it was
 	$(BIN)/python -m pytest -m study

@@ -56,6 +56,7 @@ class Talk:
         self.as_json, self.quiet = as_json, quiet
         self._out = _console(sys.stdout)
         self._err = _console(sys.stderr)
+        self._told: set[str] = set()
 
     def say(self, text: str) -> None:
         """Tell a fact that is not the result."""
@@ -68,7 +69,16 @@ class Talk:
 
     def error(self, text: str) -> None:
         """Tell that something could not be used; a quiet run tells it too."""
-        self._err.print(f"[bold red]error:[/] {_plain(text)}")
+        self._err.print(f"[bold red]error:[/] {_plain(self.once(text))}")
+
+    def once(self, text: str) -> str:
+        """Text whose lines after the first were not told before, else its first line: one cause, many logs."""
+        head, _, rest = text.partition("\n")
+        if rest in self._told:
+            return f"{head} the same as above."
+        if rest:
+            self._told.add(rest)
+        return text
 
     def fail(self, error: MaglevOfflineError) -> None:
         """Tell an error as a paragraph."""

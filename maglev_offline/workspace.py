@@ -1,10 +1,10 @@
 """Where artefacts lie: one folder each, committed whole or not at all, with a manifest of where it came from."""
 
 import fcntl
-import glob
 import hashlib
 import json
 import os
+import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -121,12 +121,12 @@ class Workspace:
         """
         self._refuse_orphan()
         folder.parent.mkdir(parents=True, exist_ok=True)
-        # A name of its own, since a worker of a killed command may still be at work on the same artefact.
-        draft = folder.parent / f".{folder.name}.{os.getpid()}.draft"
+        # A name of its own: a worker of a killed command, here or elsewhere, may still be at work on the same artefact.
+        draft = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.draft"
         retired = folder.parent / f".{folder.name}.old"
         if retired.exists() and not folder.exists():  # a command was killed between the two renames below
             retired.rename(folder)
-        for leftover in (*folder.parent.glob(f".{glob.escape(folder.name)}*.draft"), retired):
+        for leftover in (*_drafts_of(folder), retired):
             shutil.rmtree(leftover, ignore_errors=True)
         draft.mkdir()
         try:
@@ -217,6 +217,13 @@ class Workspace:
             return
         if holder != self._holder:
             raise WorkspaceLocked(f"the workspace has gone over to {holder or 'nobody'}.", where=str(self.root))
+
+
+def _drafts_of(folder: Path) -> list[Path]:
+    """Drafts of this artefact, and not of another whose name goes on where this one's ends."""
+    before, after = f".{folder.name}.", ".draft"
+    drafts = [path for path in folder.parent.iterdir() if path.name.startswith(before) and path.name.endswith(after)]
+    return [path for path in drafts if "." not in path.name[len(before) : -len(after)]]
 
 
 def _sweep(root: Path) -> None:

@@ -74,6 +74,16 @@ def test_the_body_may_fill_in_the_manifest(workspace):
     assert Manifest.read(workspace.path("a")).counts == {"rows": 7}
 
 
+def test_what_is_half_written_of_another_artefact_stays(workspace):
+    """Names that begin alike are of two artefacts, which two workers may write at once."""
+    with workspace.commit(workspace.path("log.2"), Manifest("log.2", "mark", {})) as draft:
+        (draft / "x").write_text("x")
+        for name in ("log", "log.", "log.2.3", "log-2"):
+            with workspace.commit(workspace.path(name), Manifest(name, "mark", {})):
+                pass
+    assert (workspace.path("log.2") / "x").is_file()
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_a_body_that_fails_leaves_the_old_artefact_and_no_draft(workspace, error):
     home = put(workspace, "old", "a")

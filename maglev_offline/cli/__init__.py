@@ -83,8 +83,10 @@ def _in_words(error: Exception) -> MaglevOfflineError | None:
     if isinstance(error, _ClickException):
         context: Any = getattr(error, "ctx", None)
         command = context.command_path if context else "maglev-offline"
-        what = cast(Any, error).format_message().rstrip(".")
-        return InputError(f"{what}.", where=command, todo=f"See `{command} --help`.")
+        what = cast(Any, error).format_message().rstrip(".?")
+        return InputError(
+            f"{what}{'?' if 'Did you mean' in what else '.'}", where=command, todo=f"See `{command} --help`."
+        )
     if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("maglev_offline"):
         what = f"the package {error.name} is not here, or not whole."
         return InputError(what, todo="`maglev-offline doctor` says what is missing, and how to get it.")

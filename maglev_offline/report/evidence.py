@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from maglev_offline.ingest.samples import QUARANTINE, SAMPLES, load_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.replay.prefill import load_prefill
+from maglev_offline.report.older import as_told, made_by_older
 from maglev_offline.workspace import Manifest, Workspace, input_hash
 
 REPORT = "report"
@@ -129,7 +131,11 @@ class Evidence:
         """The plant and the decision process that the artefacts were made with, if any of them says so."""
         for artefact in (*self.blocks, *filter(None, [self.get("transitions")])):
             settings = artefact.manifest.settings
-            return Plant.model_validate(settings["plant"]), Mdp.model_validate(settings["mdp"])
+            try:
+                return Plant.model_validate(settings["plant"]), Mdp.model_validate(settings["mdp"])
+            except ValidationError as error:
+                wrong = ".".join(str(part) for part in error.errors()[0]["loc"])
+                raise made_by_older(artefact.name, artefact.folder, f"no {wrong!r} that can be read") from None
         return None
 
     def foreign(self, recipe: Mapping[str, Any]) -> list[str]:
@@ -216,7 +222,7 @@ def gather(workspace: Workspace) -> Evidence:
 
     Raises
     ------
-    ArtefactError: a manifest is damaged.
+    ArtefactError: a manifest is damaged, or an older version made an artefact that lacks what pages show.
     """
     # Numbers of milliseconds in order of size, from the longest; other folders are none of ours.
     homes = [path for path in workspace.path(WITHIN).glob("*") if path.is_dir() and PERIOD.fullmatch(path.name)]
@@ -231,7 +237,8 @@ def _artefacts(root: Path) -> dict[str, Artefact]:
         if not parts or parts[0] in (*PAGES, WITHIN) or any(part.startswith(".") for part in parts):
             continue
         name = "/".join(parts)
-        found[name] = Artefact(name, path.parent, Manifest.read(path.parent), input_hash(path.parent))
+        mark = input_hash(path.parent)
+        found[name] = Artefact(name, path.parent, as_told(Manifest.read(path.parent), name, path.parent), mark)
     return dict(sorted(found.items()))
 
 

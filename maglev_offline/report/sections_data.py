@@ -1,6 +1,7 @@
 """The sections on the logged data: origin, trajectories, coverage, prefill."""
 
 from collections import Counter
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -192,7 +193,7 @@ def _trajectory(place: int, log: Artefact, settings: ReportSettings) -> Plot:
         f"Gap, gap velocity, current and voltage of point {point} of {name} from {number(window.start_s)} to "
         f"{number(end)} seconds."
     )
-    return Plot(f"trajectory-{place}", figures_data.trajectory_figure(window), caption, label)
+    return Plot(f"trajectory-{place}", partial(figures_data.trajectory_figure, window), caption, label)
 
 
 def coverage_section(evidence: Evidence) -> Section:
@@ -209,7 +210,7 @@ def coverage_section(evidence: Evidence) -> Section:
         "quantiles are counted in the cells at the edge. From transitions (candidates.parquet, transitions.parquet)."
     )
     label = f"Six histograms of {len(candidates)} transitions before balance and {len(curated)} after it."
-    section.blocks.append(Plot("coverage", figures_data.coverage_figure(candidates, curated), caption, label))
+    section.blocks.append(Plot("coverage", partial(figures_data.coverage_figure, candidates, curated), caption, label))
     section.blocks.append(coverage_table(made.facts))
     left = made.manifest.counts.get("samples_not_drawn", 0)
     if left:
@@ -252,6 +253,6 @@ def prefill_section(evidence: Evidence, *, trains: bool = True) -> Section:
     head += ["terminated", "truncated"]
     section.blocks.append(Table("The prefilled rows, as each algorithm sees them. From prefill.", head, rows))
     caption = "Costs (logarithmic axis) and actions of the prefilled rows. From prefill (prefill.safetensors)."
-    figure = figures_data.prefill_figure(columns)
+    figure = partial(figures_data.prefill_figure, columns)
     section.blocks.append(Plot("prefill", figure, caption, "Histograms of costs and actions of the prefilled rows."))
     return section

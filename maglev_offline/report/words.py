@@ -34,6 +34,7 @@ REASONS = {
     "not_finite": "A value is missing, or is no finite number.",
     "out_of_range": "A value lies outside the range that the recipe declares valid.",
     "repeated_message": "The same time and the same values as the message before it.",
+    "not_explained_by_plant": "Plant and law cannot explain the samples between which the row lies.",
     "time_conflict": "The same time as an earlier message, but other values; the earlier one was kept.",
     "too_short": "The stretch around it holds a single message, or no instant of the grid.",
     "no_partner": "The point's other topics are silent at its time, so that no state can be formed.",
