@@ -47,7 +47,7 @@ def written(folder: Path, part: float, ticks: int, logs: int) -> tuple[list[Path
         write_day(path, mine)
         return [path], mine * POINTS
     each, count = max(1, ticks // logs), max(1, round(logs * part))
-    paths = [folder / f"part-{number:04d}.mcap" for number in range(count)]
+    paths = [folder / f"part-{each}-{number:04d}.mcap" for number in range(count)]
     for number, path in enumerate(paths):
         write_day(path, each, number * each)
     return paths, count * each * POINTS
@@ -111,20 +111,20 @@ def _size_of(folder: Path) -> int:
 
 
 def ingest(logs: list[Path], messages: int, workspace: Path, jobs: int) -> Row:
-    """Ingest logs into a new workspace, and look whether every message is used or quarantined."""
+    """Ingest logs into a new workspace, and look whether every message is used: nothing is wrong with any."""
     shutil.rmtree(workspace, ignore_errors=True)
     command = [sys.executable, "-m", "maglev_offline", "ingest", *map(str, logs), "--workspace", str(workspace)]
     row = watched([*command, "--jobs", str(jobs), "--json"], workspace)
     manifests = [json.loads(path.read_text()) for path in workspace.glob("samples/*/manifest.json")]
     counts = [manifest["counts"] for manifest in manifests]
-    accounted = sum(count["messages_used"] + count["messages_quarantined"] for count in counts)
+    used = sum(count["messages_used"] for count in counts)
     row |= {
         "logs": len(logs),
         "messages": messages,
         "jobs": jobs,
         "log_bytes": sum(path.stat().st_size for path in logs),
         "workspace_bytes": _size_of(workspace),
-        "whole": len(manifests) == len(logs) and sum(count["messages"] for count in counts) == messages == accounted,
+        "whole": len(manifests) == len(logs) and sum(count["messages"] for count in counts) == used == messages,
         "rows": sum(count["rows"] for count in counts),
     }
     return row
@@ -150,7 +150,7 @@ def complaints(rows: list[Row]) -> list[str]:
     for row in rows:
         name = f"{row['logs']:,} logs, {row['messages']:,} messages, {row['jobs']} processes"
         if not row["whole"]:
-            found.append(f"{name}: not every message is used or quarantined")
+            found.append(f"{name}: not every message is used")
         if row["times"] > MOST_TIMES:
             found.append(f"{name}: {row['times']:.2f} times the predicted time")
         if row["memory"] > MOST_BYTES:

@@ -1,6 +1,7 @@
 """What a person or a script sees: lines, progress bars on a terminal, JSON where it was asked for."""
 
 import json
+import re
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -72,12 +73,16 @@ class Talk:
         self._err.print(f"[bold red]error:[/] {_plain(self.once(text))}")
 
     def once(self, text: str) -> str:
-        """Text whose lines after the first were not told before, else its first line: one cause, many logs."""
+        """Text whose lines after the first were not told before, else its first line: one cause, many logs.
+
+        Lines that differ in their numbers alone are the same: logs differ in length.
+        """
         head, _, rest = text.partition("\n")
-        if rest in self._told:
+        alike = re.sub(r"\d[\d,.]*", "0", rest)
+        if alike in self._told:
             return f"{head} the same as above."
-        if rest:
-            self._told.add(rest)
+        if alike and not self.as_json:
+            self._told.add(alike)
         return text
 
     def fail(self, error: MaglevOfflineError) -> None:

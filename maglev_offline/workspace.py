@@ -4,6 +4,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator, Mapping
@@ -121,13 +122,9 @@ class Workspace:
         """
         self._refuse_orphan()
         folder.parent.mkdir(parents=True, exist_ok=True)
-        # A name of its own: a worker of a killed command, here or elsewhere, may still be at work on the same artefact.
-        draft = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.draft"
-        retired = folder.parent / f".{folder.name}.old"
-        if retired.exists() and not folder.exists():  # a command was killed between the two renames below
-            retired.rename(folder)
-        for leftover in (*_drafts_of(folder), retired):
-            shutil.rmtree(leftover, ignore_errors=True)
+        # Names of their own: a worker of a killed command, here or elsewhere, may be at work on the same artefact.
+        token = secrets.token_hex(4)
+        draft, retired = (folder.parent / f".{folder.name}.{token}.{end}" for end in ("draft", "old"))
         draft.mkdir()
         try:
             yield draft
@@ -139,14 +136,11 @@ class Workspace:
             self._refuse_orphan()
             if folder.exists():
                 folder.rename(retired)
-            try:
-                draft.rename(folder)
-            except OSError:
-                if retired.exists():
-                    retired.rename(folder)
-                raise
+            draft.rename(folder)
             _sync(folder.parent)
         finally:
+            if retired.exists() and not folder.exists():  # stopped between the two renames
+                retired.rename(folder)
             for leftover in (draft, retired):
                 shutil.rmtree(leftover, ignore_errors=True)
 
@@ -157,7 +151,7 @@ class Workspace:
         """
         try:
             with (self.root / ".lock").open() as file:
-                found = file.read().strip()
+                found = file.readline().strip()
                 if found:
                     fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except (FileNotFoundError, NotADirectoryError):
@@ -186,19 +180,21 @@ class Workspace:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 file.seek(0)
-                holder = file.read().strip() or "another command"
+                holder = file.readline().strip() or "another command"
                 raise WorkspaceLocked(
                     f"the workspace is in use by {holder}.",
                     where=str(self.root),
                     todo="Wait for it to end, or use another --workspace.",
                 ) from None
             file.seek(0)
-            if file.read():  # who held it was killed, else the file would be empty
-                _sweep(self.root)
+            killed = bool(file.read())  # who held it before was killed, else the file would be empty
             file.truncate(0)
-            self._holder = f"`maglev-offline {command}` (process {os.getpid()})"
+            # The second line tells this holder from any other, of which one may have the same command and number.
+            self._holder = f"`maglev-offline {command}` (process {os.getpid()})\n{secrets.token_hex(8)}\n"
             file.write(self._holder)
             file.flush()
+            if killed:
+                _sweep(self.root)
             try:
                 yield
             finally:
@@ -216,30 +212,32 @@ class Workspace:
         except OSError:
             return
         if holder != self._holder:
-            raise WorkspaceLocked(f"the workspace has gone over to {holder or 'nobody'}.", where=str(self.root))
+            now = holder.partition("\n")[0] or "nobody"
+            raise WorkspaceLocked(f"the workspace has gone over to {now}.", where=str(self.root))
 
 
-def _drafts_of(folder: Path) -> list[Path]:
-    """Drafts of this artefact, and not of another whose name goes on where this one's ends."""
-    before, after = f".{folder.name}.", ".draft"
-    drafts = [path for path in folder.parent.iterdir() if path.name.startswith(before) and path.name.endswith(after)]
-    return [path for path in drafts if "." not in path.name[len(before) : -len(after)]]
+_LEFT = re.compile(r"\.(.+)\.[0-9a-f]{8}\.(draft|old)")
+"""Names that only this package gives, in `hashes` and `filesystems.write_whole` too: a user's files may lie beside."""
+
+_DEPTH = 5
+"""Artefacts lie no deeper than `periods/5ms/training/ARM/BLOCK`."""
 
 
 def _sweep(root: Path) -> None:
     """Remove what a killed command left half-written; an artefact that it had put aside goes back to its place."""
     for home, folders, files in os.walk(root):
-        for name in [name for name in (*folders, *files) if name.startswith(".") and name.endswith((".draft", ".old"))]:
-            path = Path(home, name)
-            place = path.with_name(name[1:].removesuffix(".old"))
-            if name.endswith(".old") and not place.exists():
+        for name in (*folders, *files):
+            if (found := _LEFT.fullmatch(name)) is None:
+                continue
+            path, place = Path(home, name), Path(home, found[1])
+            if found[2] == "old" and (path / "manifest.json").is_file() and not place.exists():
                 path.rename(place)
             elif path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
-        whole = "manifest.json" in files
-        folders[:] = [] if whole else [name for name in folders if not name.startswith(".")]
+        deep = len(Path(home).relative_to(root).parts) >= _DEPTH or "manifest.json" in files
+        folders[:] = [] if deep else [name for name in folders if not name.startswith(".")]
 
 
 def changed_files(folder: Path, manifest: Manifest, known: KnownHashes | None = None) -> list[str]:

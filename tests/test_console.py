@@ -45,9 +45,10 @@ def test_a_quiet_run_tells_its_result_its_warnings_and_its_errors_only(capsys, m
 
 def test_the_long_part_of_an_error_is_told_once_for_all_logs_that_have_it(capsys):
     talk = Talk()
-    for name in ("a.mcap", "b.mcap"):
-        talk.error(f"{name}: no signals. The log holds:\n  /magnet: gap")
-    first, second = "a.mcap: no signals. The log holds:\n  /magnet: gap", "b.mcap: no signals. The log holds:"
+    for name, messages in (("a.mcap", 1500), ("b.mcap", 12)):
+        talk.error(f"{name}: no signals. The log holds:\n  /magnet: gap, {messages:,} messages")
+    first = "a.mcap: no signals. The log holds:\n  /magnet: gap, 1,500 messages"
+    second = "b.mcap: no signals. The log holds:"
     assert capsys.readouterr().err == f"error: {first}\nerror: {second} the same as above.\n"
 
 

@@ -11,6 +11,9 @@ from maglev_offline.settings import Settings
 ConstructionName = Literal["raw", "semi_markov", "interpolated", "consistent", "reconstructed", "simulated_next"]
 """How rows are made from pairs of samples; see `constructions`."""
 
+SEVERAL_ROWS: tuple[ConstructionName, ...] = ("interpolated", "consistent", "reconstructed")
+"""Constructions that make a row for each control period between two samples."""
+
 CONSISTENT_SHARE = 0.25
 """What `consistent` keeps unless the recipe says otherwise: what made interpolated 100 ms rows fit (decision 14)."""
 
@@ -28,7 +31,8 @@ class CurateSettings(Settings):
     and action are cut into `bins_*` cells between the `edge_quantile` and its complement, in which all balances are
     measured; with `cells` every cell gives as many rows as the fullest can spare. `low_cost_quantile` says what counts
     as a low-cost row. `validation_share` of the logs (whole logs, never rows) are held out. Where the workspace has
-    more than `most_samples` samples, so many are drawn, a minute of a point at a time; a million take 0.8 GB.
+    more than `most_samples` samples, so many are drawn, a minute of a point at a time; a construction that makes
+    several rows of two samples gets as many times fewer.
     """
 
     construction: ConstructionName = "raw"

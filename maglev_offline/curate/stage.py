@@ -10,7 +10,7 @@ import numpy as np
 
 from maglev_offline.control.pid import CascadeGains, PidGains
 from maglev_offline.curate.recovery.belief import Belief
-from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.curate.settings import SEVERAL_ROWS, CurateSettings
 from maglev_offline.errors import ArtefactError
 from maglev_offline.ingest.drawing import Drawn, drawn_samples
 from maglev_offline.mdp import Mdp
@@ -65,10 +65,10 @@ def curate(
     from maglev_offline.curate.constructions.rows import NAMES
     from maglev_offline.curate.usable import usable_rows
 
-    drawn = drawn_samples(folders, settings.most_samples, settings.seed)
+    drawn = drawn_samples(folders, settings.most_samples // _rows_of_a_pair(folders, settings, mdp), settings.seed)
     belief = Belief(settings.recovery, pid, cascade)
     found = usable_rows(drawn.samples, str(workspace.path("samples")), settings, plant, mdp, belief)
-    made = _balanced(found.candidates, drawn.logs, settings, plant, mdp)
+    made = _balanced(found.candidates, drawn.samples["log_id"].unique(), settings, plant, mdp)
     judged = _judged(drawn.samples, made.training, settings, plant, mdp)
     manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
     tables = {"curate": settings, "plant": plant, "mdp": mdp, "pid": pid, "cascade": cascade}
@@ -150,6 +150,14 @@ def _balanced(
     weight = importance_weights(cell, chosen)
     curated = training.iloc[chosen].reset_index(drop=True).assign(cell=cell[chosen], weight=weight)
     return _Balanced(training, curated, coverage_facts(rows, chosen, weight, settings, plant, mdp))
+
+
+def _rows_of_a_pair(folders: Sequence[Path], settings: CurateSettings, mdp: Mdp) -> int:
+    """How many rows the construction makes of two samples: memory goes by them."""
+    if settings.construction not in SEVERAL_ROWS:
+        return 1
+    periods = [Manifest.read(folder).settings.get("ingest", {}).get("grid_ms", 0.0) for folder in folders]
+    return max(1, round(max(periods) / mdp.control_period_ms))
 
 
 def _of_the_whole(drawn: Drawn) -> str:

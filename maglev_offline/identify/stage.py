@@ -52,13 +52,18 @@ def run_identify(
         for text in Manifest.read(home).facts["warnings"]:
             progress.warn(text)
         return home, False
-    drawn = drawn_samples(folders, settings.most_samples, seed=0)
+    drawn = drawn_samples(folders, settings.most_samples, settings.seed)
     found = identify(drawn.samples, plant, settings, where=str(workspace.path("samples")))
     for text in found.warnings:
         progress.warn(text)
     made, source = fitted_plant(plant, found.parameters)
-    left_out = {**found.left_out, **({"samples_not_drawn": drawn.left} if drawn.left else {})}
-    manifest = Manifest(KIND, mark, inputs, counts=found.counts, left_out=left_out)
+    if drawn.left:
+        progress.say(
+            f"identify: {len(drawn.samples):,} of {drawn.there:,} samples are drawn, minutes of a point at random "
+            "(identify.most_samples)."
+        )
+    manifest = Manifest(KIND, mark, inputs, left_out=found.left_out)
+    manifest.counts = {"samples": drawn.there, "samples_not_drawn": drawn.left, **found.counts}
     manifest.settings = {"identify": settings.model_dump(mode="json"), "plant": plant.model_dump(mode="json")}
     manifest.facts = _facts(found, made)
     with workspace.commit(home, manifest) as draft:

@@ -22,14 +22,13 @@ PIECE = 600
 
 
 class Drawn(NamedTuple):
-    """`samples`: a table as `load_samples` gives it; `there`: how many rows the workspace has; `logs`: those with rows.
+    """`samples`: a table as `load_samples` gives it; `there`: how many rows the workspace has.
 
     Where not all were drawn, the steps of a segment have gaps, and only samples with consecutive steps are neighbours.
     """
 
     samples: pd.DataFrame
     there: int
-    logs: tuple[str, ...]
 
     @property
     def left(self) -> int:
@@ -48,9 +47,8 @@ def drawn_samples(folders: Sequence[Path], most: int, seed: int) -> Drawn:
     ArtefactError: a folder holds no samples that can be read.
     """
     rows = [_rows(folder) for folder in folders]
-    names = tuple(folder.name for folder, count in zip(folders, rows, strict=True) if count)
     if sum(rows) <= most:
-        return Drawn(as_frame([_whole(folder) for folder in folders]), sum(rows), names)
+        return Drawn(as_frame([_whole(folder) for folder in folders]), sum(rows))
     starts = [_piece_starts(folder) for folder in folders]
     lengths = np.concatenate([np.diff(one, append=count) for one, count in zip(starts, rows, strict=True)])
     order = stream(seed, "samples: pieces drawn").permutation(len(lengths))
@@ -60,7 +58,7 @@ def drawn_samples(folders: Sequence[Path], most: int, seed: int) -> Drawn:
     tables: list[pa.Table] = []
     for folder, mine, length in zip(folders, np.split(chosen, ends), np.split(lengths, ends), strict=True):
         tables += _taken(folder, np.repeat(mine, length))
-    return Drawn(as_frame(tables), sum(rows), names)
+    return Drawn(as_frame(tables), sum(rows))
 
 
 def _rows(folder: Path) -> int:

@@ -125,7 +125,7 @@ def load_samples(folders: Iterable[Path], point: str | None = None) -> pd.DataFr
     tables = []
     for folder in folders:
         with reading(folder):
-            tables.append(pq.read_table(folder / SAMPLES, filters=point and [("point", "==", point)]))
+            tables.append(pq.read_table(folder / SAMPLES, filters=None if point is None else [("point", "==", point)]))
     return as_frame(tables)
 
 

@@ -16,7 +16,7 @@ from maglev_offline.ingest.samples import QUARANTINE, SAMPLES, load_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.replay.prefill import load_prefill
-from maglev_offline.report.older import as_told, made_by_older
+from maglev_offline.report.versions import as_told, made_by_another
 from maglev_offline.workspace import Manifest, Workspace, input_hash
 
 REPORT = "report"
@@ -135,7 +135,7 @@ class Evidence:
                 return Plant.model_validate(settings["plant"]), Mdp.model_validate(settings["mdp"])
             except ValidationError as error:
                 wrong = ".".join(str(part) for part in error.errors()[0]["loc"])
-                raise made_by_older(artefact.name, artefact.folder, f"no {wrong!r} that can be read") from None
+                raise made_by_another(artefact.name, artefact.folder, f"no {wrong!r} that can be read") from None
         return None
 
     def foreign(self, recipe: Mapping[str, Any]) -> list[str]:
@@ -222,7 +222,7 @@ def gather(workspace: Workspace) -> Evidence:
 
     Raises
     ------
-    ArtefactError: a manifest is damaged, or an older version made an artefact that lacks what pages show.
+    ArtefactError: a manifest is damaged, or another version made an artefact that lacks what pages show.
     """
     # Numbers of milliseconds in order of size, from the longest; other folders are none of ours.
     homes = [path for path in workspace.path(WITHIN).glob("*") if path.is_dir() and PERIOD.fullmatch(path.name)]

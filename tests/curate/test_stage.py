@@ -86,6 +86,18 @@ def test_more_samples_than_memory_should_hold_are_drawn_and_counted(workspace, p
     assert any("of 6,320 samples are drawn" in text for text in heard.said)
 
 
+def test_a_construction_of_several_rows_draws_as_many_times_fewer_samples(workspace, put_samples, wandering):
+    put_samples(workspace, wandering("log-long", 6000), settings={"ingest": {"grid_ms": 100.0}})
+    drawn = {}
+    for name in ("raw", "interpolated"):
+        settings = SMALL.model_copy(update={"most_samples": 6100, "construction": name})
+        folder, _ = curate(workspace, settings, PLANT, MDP)
+        counts = Manifest.read(folder).counts
+        drawn[name] = counts["samples"] - counts["samples_not_drawn"]
+    assert drawn["raw"] > 6100 - 600
+    assert drawn["interpolated"] <= 610
+
+
 def test_the_artefact_holds_the_choice_and_all_candidates(workspace):
     folder, fresh = curate(workspace, SMALL, PLANT, MDP)
     chosen, all_of_them = (pd.read_parquet(folder / f"{n}.parquet") for n in ("transitions", "candidates"))

@@ -33,7 +33,14 @@ def _too_long(*_):
 
 
 def one(target, name, number, folder):
-    """Write mutant `number` of a target, read it, and say how it ended; raises what reading raised."""
+    """Write mutant `number` of a target, read it, and say how it ended; raises what reading raised.
+
+    None: a file as it is whole.
+    """
+    if number is None:
+        for file, content in target.files[0].items():
+            (folder / file).write_bytes(content)
+        return target.read(folder, target.files[0])
     seed = f"{name} {number}"
     whole = target.files[number % len(target.files)]
     other = target.files[(number * 7 + 1) % len(target.files)]

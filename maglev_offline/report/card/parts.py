@@ -10,7 +10,7 @@ from maglev_offline.ingest.content import CONTENT
 from maglev_offline.ingest.findings import FINDINGS, Finding, load_findings
 from maglev_offline.ingest.shared_content import KIND as SHARED
 from maglev_offline.report.evidence import Artefact
-from maglev_offline.report.older import as_told
+from maglev_offline.report.versions import as_told
 from maglev_offline.workspace import Workspace
 
 TRANSITIONS = "transitions"

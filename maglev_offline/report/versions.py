@@ -1,7 +1,7 @@
-"""Artefacts that an older version made: what they do not hold is told in words, with the stage that makes it anew.
+"""Artefacts that another version made: what they do not hold is told in words, with the stage that makes it anew.
 
 The report and the card read many facts of many artefacts. Those that may be absent are asked for with `get`; any other
-one that is missing means that a version made the artefact which did not know it yet.
+one that is missing means that a version made the artefact which did not know it yet, or no longer does.
 """
 
 from collections.abc import Mapping
@@ -20,6 +20,9 @@ STAGE_OF = {
     "curated": "transfer",
     "arms": "transfer",
     "training": "train",
+    "exports": "prefill",
+    "shared_content": "ingest",
+    "control_page": "control",
 }
 """The command that makes an artefact of that kind, where it is not the kind's own name."""
 
@@ -55,8 +58,8 @@ class Told(dict[str, Any]):
     name, folder = "", Path()
 
     def __missing__(self, key: str) -> Any:
-        """Say that an older version made the artefact."""
-        raise made_by_older(self.name, self.folder, f"no {key!r}")
+        """Say that another version made the artefact."""
+        raise made_by_another(self.name, self.folder, f"no {key!r}")
 
 
 def as_told(manifest: Manifest, name: str, folder: Path) -> Manifest:
@@ -72,16 +75,16 @@ def as_told(manifest: Manifest, name: str, folder: Path) -> Manifest:
             there = pq.read_schema(folder / f"{table}.parquet").names
             lacking = [column for column in columns if column not in there]
             if lacking:
-                raise made_by_older(name, folder, f"no column {', '.join(lacking)} in {table}.parquet")
+                raise made_by_another(name, folder, f"no column {', '.join(lacking)} in {table}.parquet")
     tables = {part: _told(getattr(manifest, part), name, folder) for part in ("facts", "settings", "counts")}
     return replace(manifest, **tables)
 
 
-def made_by_older(name: str, folder: Path, lacks: str) -> ArtefactError:
+def made_by_another(name: str, folder: Path, lacks: str) -> ArtefactError:
     """The error for an artefact that lacks something, with what to do."""
     kind = name.partition("/")[0]
     return ArtefactError(
-        f"it was made by an older version of maglev-offline: there is {lacks} in it.",
+        f"it was made by another version of maglev-offline: there is {lacks} in it.",
         where=str(folder),
         todo=f"Remove that folder and run `maglev-offline {STAGE_OF.get(kind, kind)}` again.",
     )

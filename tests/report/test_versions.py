@@ -1,4 +1,4 @@
-"""What an older version made is told in a sentence with what to do, not as a failure of the tool."""
+"""What another version made is told in a sentence with what to do, not as a failure of the tool."""
 
 import json
 
@@ -7,8 +7,8 @@ import pytest
 
 from maglev_offline.errors import ArtefactError
 from maglev_offline.report.evidence import gather
-from maglev_offline.report.older import COLUMNS, as_told
 from maglev_offline.report.stage import head_section
+from maglev_offline.report.versions import COLUMNS, as_told
 from maglev_offline.workspace import Manifest, Workspace
 
 
@@ -40,7 +40,7 @@ def test_a_fact_that_a_verdict_lacks_is_named_with_the_stage_that_makes_it(made,
     evidence = gather(Workspace(made))
     evidence.artefacts["transfer"] = type(study)("transfer", study.folder, older, study.hash)
     with pytest.raises(
-        ArtefactError, match=r"older version.* no 'seeds'.*Remove that folder.*maglev-offline transfer`"
+        ArtefactError, match=r"another version.* no 'seeds'.*Remove that folder.*maglev-offline transfer`"
     ):
         head_section(evidence, recipe.plain())
 
