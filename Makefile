@@ -7,8 +7,10 @@ BIN := $(VENV)/bin
 DEMO := reports/quickstart
 
 STUDIES := changsha study cure
+FAULTS ?= 20
+FUZZ ?= 20000
 
-.PHONY: setup demo test check study publish exports clusters nightly clean
+.PHONY: setup demo test check wheel study publish exports clusters faults fuzz nightly clean
 
 setup: $(VENV)/.installed
 
@@ -30,6 +32,9 @@ check: setup  ## what CI checks before the tests
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+wheel: setup  ## build one wheel, install it in a clean environment, and look at it from outside the tree; half a minute
+	.ci/wheel
 
 study: setup  ## the slow learning studies; hours, and what is stopped goes on where it was
 	$(BIN)/python -m pytest -m study
@@ -54,6 +59,12 @@ exports: $(FOREIGN)/.installed  ## exported prefills in the libraries that they 
 
 clusters: $(CLUSTERS)/.installed  ## two-worker clusters of Dask and Ray, and a store that speaks S3
 	$(CLUSTERS)/bin/python -m pytest -m 'nightly or not nightly' tests/cluster tests/test_s3.py
+
+faults: setup  ## commands killed, disks filled, files damaged and taken away; FAULTS of each kind and command
+	FAULTS=$(FAULTS) $(BIN)/python -m pytest -n 0 -m faults tests/faults
+
+fuzz: setup  ## FUZZ changed files of every kind that a user may be handed, from number FUZZ_FROM on
+	FUZZ=$(FUZZ) $(BIN)/python -m pytest -n 0 -s -m fuzz tests/fuzz
 
 nightly: setup exports clusters  ## benchmarks in small, exports, clusters and stores for real, and a wheel looked at from outside
 	$(BIN)/python -m pytest -n auto -m nightly

@@ -47,12 +47,12 @@ class Block(NamedTuple):
     values: NDArray[np.float64]
 
 
-def blocks(messages: int) -> Iterator[Block]:
+def blocks(messages: int, first_tick: int = 0) -> Iterator[Block]:
     """Yield the same messages every time: slow motion about the set-point, with the noise of sensors."""
     ticks = -(-messages // POINTS)
     for first in range(0, ticks, _BLOCK_TICKS):
-        tick = np.arange(first, min(first + _BLOCK_TICKS, ticks))
-        block = _block(tick, np.random.default_rng([5, first]))
+        tick = first_tick + np.arange(first, min(first + _BLOCK_TICKS, ticks))
+        block = _block(tick, np.random.default_rng([5, first_tick + first]))
         rest = messages - first * POINTS
         yield block if rest >= len(block.sequence) else Block(*(column[:rest] for column in block))
 
@@ -102,9 +102,13 @@ def write_log(path: Path, encoding: str, messages: int) -> None:
 Encode = Callable[[Block], list[bytes]]
 
 
-def _cdr() -> tuple[str, bytes, Encode]:
+def cdr_schema() -> bytes:
+    """The definition of a message in ROS 2."""
     lines = ["builtin_interfaces/Time stamp", "uint32 sequence", *(f"float64 {name}" for name in FIELDS)]
-    schema = "\n".join([*lines, "=" * 80, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec", ""])
+    return "\n".join([*lines, "=" * 80, "MSG: builtin_interfaces/Time", "int32 sec", "uint32 nanosec", ""]).encode()
+
+
+def _cdr() -> tuple[str, bytes, Encode]:
     layout = np.dtype(
         {
             "names": ["head", "sec", "nanosec", "sequence", "values"],
@@ -121,7 +125,7 @@ def _cdr() -> tuple[str, bytes, Encode]:
         raw, size = rows.tobytes(), layout.itemsize
         return [raw[at : at + size] for at in range(0, len(raw), size)]
 
-    return "ros2msg", schema.encode(), encode
+    return "ros2msg", cdr_schema(), encode
 
 
 @cache

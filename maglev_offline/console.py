@@ -1,6 +1,7 @@
 """What a person or a script sees: lines, progress bars on a terminal, JSON where it was asked for."""
 
 import json
+import re
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -56,6 +57,7 @@ class Talk:
         self.as_json, self.quiet = as_json, quiet
         self._out = _console(sys.stdout)
         self._err = _console(sys.stderr)
+        self._told: set[str] = set()
 
     def say(self, text: str) -> None:
         """Tell a fact that is not the result."""
@@ -68,7 +70,20 @@ class Talk:
 
     def error(self, text: str) -> None:
         """Tell that something could not be used; a quiet run tells it too."""
-        self._err.print(f"[bold red]error:[/] {_plain(text)}")
+        self._err.print(f"[bold red]error:[/] {_plain(self.once(text))}")
+
+    def once(self, text: str) -> str:
+        """Text whose lines after the first were not told before, else its first line: one cause, many logs.
+
+        Lines that differ in their numbers alone are the same: logs differ in length.
+        """
+        head, _, rest = text.partition("\n")
+        alike = re.sub(r"\d[\d,.]*", "0", rest)
+        if alike in self._told:
+            return f"{head} the same as above."
+        if alike and not self.as_json:
+            self._told.add(alike)
+        return text
 
     def fail(self, error: MaglevOfflineError) -> None:
         """Tell an error as a paragraph."""

@@ -4,6 +4,8 @@ pyarrow.fs is imported only where an address is used. Failures of stores are tol
 """
 
 import re
+import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,11 +40,23 @@ _WORDS = (
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a local file that appears under its name only when it is whole; raises OSError as writing does."""
-    draft = path.with_name(f".{path.name}.draft")
+    """Write a local file that appears under its name only when it is whole; raises OSError as writing does.
+
+    A link is followed, and what is there and no file (a pipe, `/dev/stdout`) is written into.
+    """
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
+    place = path.resolve()
+    draft = place.with_name(f".{place.name}.{secrets.token_hex(4)}.draft")
     try:
         draft.write_bytes(content)
-        draft.replace(path)
+        if place.exists():
+            shutil.copymode(place, draft)
+        draft.replace(place)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None  # the name that was given
+        raise
     finally:
         draft.unlink(missing_ok=True)
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import secrets
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -90,7 +91,7 @@ class KnownHashes:
         # Names that this run did not ask for stay: another command of the same workspace may.
         kept = {name: entry for name, entry in (self._kept | self._used).items() if _may_be_there(name, entry[0])}
         data = {"version": VERSION, "files": {name: [*stamp, sha256] for name, (stamp, sha256) in sorted(kept.items())}}
-        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.draft")
+        draft = self.path.with_name(f"{self.path.name}.{secrets.token_hex(4)}.draft")
         try:
             draft.write_text(json.dumps(data, separators=(",", ":")), encoding="utf-8", errors="surrogateescape")
             draft.replace(self.path)

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -19,13 +20,18 @@ _RECORDED_PACKAGES = ("control", "matplotlib", "mcap", "numpy", "pandas", "pyarr
 
 def package_versions() -> dict[str, str]:
     """Versions of the packages that can change an artefact's bytes."""
-    found = {"maglev-offline": __version__}
-    for name in _RECORDED_PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # an optional package that is not there changes nothing
-            continue
-    return found
+    known = {name: _version_of(name) for name in _RECORDED_PACKAGES}
+    # An optional package that is not there changes nothing.
+    return {"maglev-offline": __version__, **{name: found for name, found in known.items() if found is not None}}
+
+
+@cache
+def _version_of(package: str) -> str | None:
+    """Kept, since to look it up takes 1 ms, and there may be thousands of logs."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 @dataclass

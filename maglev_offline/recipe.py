@@ -108,6 +108,8 @@ def load_recipe(path: Path) -> Recipe:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, IsADirectoryError):
         raise RecipeError("there is no such recipe.", where=str(path), todo="Give the path of a TOML file.") from None
+    except UnicodeDecodeError:
+        raise RecipeError("this is no text file.", where=str(path), todo="Give the path of a TOML file.") from None
     except (ValueError, RecursionError) as error:  # beside what is no TOML: a number of 5,000 digits, 1,000 brackets
         raise RecipeError(f"this is no valid TOML: {error}.", where=str(path), todo="Correct the line.") from None
     return parse_recipe(data, str(path))
@@ -119,7 +121,9 @@ def parse_recipe(data: dict[str, Any], where: str) -> Recipe:
         return Recipe.model_validate(data)
     except ValidationError as error:
         mistakes = [_mistake(detail) for detail in error.errors()]
-        raise RecipeError("; ".join(mistakes) + ".", where=where, todo="Correct the recipe; nothing was run.") from None
+        what = "option" if where.startswith("--") else "recipe"
+        todo = f"Correct the {what}; nothing was run."
+        raise RecipeError("; ".join(mistakes) + ".", where=where, todo=todo) from None
 
 
 def _mistake(detail: Any) -> str:

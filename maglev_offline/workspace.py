@@ -1,10 +1,11 @@
 """Where artefacts lie: one folder each, committed whole or not at all, with a manifest of where it came from."""
 
 import fcntl
-import glob
 import hashlib
 import json
 import os
+import re
+import secrets
 import shutil
 import time
 from collections.abc import Iterator, Mapping
@@ -116,10 +117,14 @@ class Workspace:
                     where=str(folder),
                     todo="Is the workspace on a drive that shows every machine the same? Give the same command again.",
                 )
-            nudge = folder.parent / f".{folder.name}.seen.draft"
+            nudge = folder.parent / f".{folder.name}.{secrets.token_hex(4)}.draft"
             nudge.touch()
             nudge.unlink(missing_ok=True)
             time.sleep(0.2)
+
+    def tidy(self, kind: str) -> None:
+        """Remove what workers left half-written that were lost while others did their work."""
+        _sweep(self.path(kind))
 
     def input_hash(self, folder: Path) -> str:
         """Hash that stands for a whole artefact, as `input_hash` of this module; untouched files are not read.
@@ -147,13 +152,9 @@ class Workspace:
         """
         self._refuse_orphan()
         folder.parent.mkdir(parents=True, exist_ok=True)
-        # A name of its own, since a worker of a killed command may still be at work on the same artefact.
-        draft = folder.parent / f".{folder.name}.{os.uname().nodename}-{os.getpid()}.draft"
-        retired = folder.parent / f".{folder.name}.old"
-        if retired.exists() and not folder.exists():  # a command was killed between the two renames below
-            retired.rename(folder)
-        for leftover in (*folder.parent.glob(f".{glob.escape(folder.name)}*.draft"), retired):
-            shutil.rmtree(leftover, ignore_errors=True)
+        # Names of their own: a worker of a killed command, here or elsewhere, may be at work on the same artefact.
+        token = secrets.token_hex(4)
+        draft, retired = (folder.parent / f".{folder.name}.{token}.{end}" for end in ("draft", "old"))
         draft.mkdir()
         try:
             yield draft
@@ -165,14 +166,11 @@ class Workspace:
             self._refuse_orphan()
             if folder.exists():
                 folder.rename(retired)
-            try:
-                draft.rename(folder)
-            except OSError:
-                if retired.exists():
-                    retired.rename(folder)
-                raise
+            draft.rename(folder)
             _sync(folder.parent)
         finally:
+            if retired.exists() and not folder.exists():  # stopped between the two renames
+                retired.rename(folder)
             for leftover in (draft, retired):
                 shutil.rmtree(leftover, ignore_errors=True)
 
@@ -183,7 +181,7 @@ class Workspace:
         """
         try:
             with (self.root / ".lock").open() as file:
-                found = file.read().strip()
+                found = file.readline().strip()
                 if found:
                     fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except (FileNotFoundError, NotADirectoryError):
@@ -212,20 +210,22 @@ class Workspace:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 file.seek(0)
-                holder = file.read().strip() or "another command"
+                holder = file.readline().strip() or "another command"
                 raise WorkspaceLocked(
                     f"the workspace is in use by {holder}.",
                     where=str(self.root),
                     todo="Wait for it to end, or use another --workspace.",
                 ) from None
             file.seek(0)
-            if file.read():  # who held it was killed, else the file would be empty
-                _sweep(self.root)
+            killed = bool(file.read())  # who held it before was killed, else the file would be empty
             file.truncate(0)
-            self._holder = f"`maglev-offline {command}` (process {os.getpid()})"
+            # The second line tells this holder from any other, of which one may have the same command and number.
+            self._holder = f"`maglev-offline {command}` (process {os.getpid()})\n{secrets.token_hex(8)}\n"
             file.write(self._holder)
             file.flush()
             os.fsync(file.fileno())  # else workers on other machines do not see who holds it
+            if killed:
+                _sweep(self.root)
             try:
                 yield
             finally:
@@ -243,23 +243,32 @@ class Workspace:
         except OSError:
             return
         if holder != self._holder:
-            raise WorkspaceLocked(f"the workspace has gone over to {holder or 'nobody'}.", where=str(self.root))
+            now = holder.partition("\n")[0] or "nobody"
+            raise WorkspaceLocked(f"the workspace has gone over to {now}.", where=str(self.root))
+
+
+_LEFT = re.compile(r"\.(.+)\.[0-9a-f]{8}\.(draft|old)")
+"""Names that only this package gives, in `hashes` and `filesystems.write_whole` too: a user's files may lie beside."""
+
+_DEPTH = 5
+"""Artefacts lie no deeper than `periods/5ms/training/ARM/BLOCK`."""
 
 
 def _sweep(root: Path) -> None:
     """Remove what a killed command left half-written; an artefact that it had put aside goes back to its place."""
     for home, folders, files in os.walk(root):
-        for name in [name for name in (*folders, *files) if name.startswith(".") and name.endswith((".draft", ".old"))]:
-            path = Path(home, name)
-            place = path.with_name(name[1:].removesuffix(".old"))
-            if name.endswith(".old") and not place.exists():
+        for name in (*folders, *files):
+            if (found := _LEFT.fullmatch(name)) is None:
+                continue
+            path, place = Path(home, name), Path(home, found[1])
+            if found[2] == "old" and (path / "manifest.json").is_file() and not place.exists():
                 path.rename(place)
             elif path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
-        whole = "manifest.json" in files
-        folders[:] = [] if whole else [name for name in folders if not name.startswith(".")]
+        deep = len(Path(home).relative_to(root).parts) >= _DEPTH or "manifest.json" in files
+        folders[:] = [] if deep else [name for name in folders if not name.startswith(".")]
 
 
 def _has_mark(folder: Path, mark: str) -> bool:

@@ -1,6 +1,9 @@
-"""Plants that many tests try: the paper's train, and a laboratory levitator with an inductance offset."""
+"""What many tests use: two plants, real recordings, small MCAP files; and which tests share a process."""
 
+import importlib.util
+import os
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -40,3 +43,29 @@ def levitator() -> Plant:
 def any_plant(request: pytest.FixtureRequest, levitator: Plant) -> Plant:
     """Each of the two plants in turn."""
     return levitator if request.param == "levitator" else Plant()
+
+
+@pytest.fixture(scope="session")
+def levitador() -> Path:
+    """Folder of the recorded logs of a laboratory levitator."""
+    here = Path(__file__).parents[2] / "shared/data/levitador"
+    folder = Path(os.environ.get("MAGLEV_OFFLINE_LEVITADOR", here))
+    if not folder.is_dir():
+        pytest.skip(f"the recorded levitator logs are not at {folder} (set MAGLEV_OFFLINE_LEVITADOR)")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def mcap_files() -> ModuleType:
+    """The helper that writes small MCAP files."""
+    return load_module(Path(__file__).with_name("logs") / "mcap_files.py")
+
+
+def load_module(path: Path) -> ModuleType:
+    """A module of the tests that is no package's."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -43,6 +43,15 @@ def test_a_quiet_run_tells_its_result_its_warnings_and_its_errors_only(capsys, m
     assert capsys.readouterr() == ("the result\n", "warning: look here\nerror: a.mcap: it is cut.\n")
 
 
+def test_the_long_part_of_an_error_is_told_once_for_all_logs_that_have_it(capsys):
+    talk = Talk()
+    for name, messages in (("a.mcap", 1500), ("b.mcap", 12)):
+        talk.error(f"{name}: no signals. The log holds:\n  /magnet: gap, {messages:,} messages")
+    first = "a.mcap: no signals. The log holds:\n  /magnet: gap, 1,500 messages"
+    second = "b.mcap: no signals. The log holds:"
+    assert capsys.readouterr().err == f"error: {first}\nerror: {second} the same as above.\n"
+
+
 @pytest.mark.parametrize("name", ["/a[bold]b[/]", "/[red]x", "/car:car:", "[signals] gap", "a\\[b]", "ends in \\"])
 def test_a_name_is_shown_as_it_is_and_never_read_as_markup(capsys, name):
     talk = Talk()

@@ -4,7 +4,7 @@ import pytest
 
 from maglev_offline.errors import RecipeError
 from maglev_offline.physics.parameters import MU_0
-from maglev_offline.recipe import Recipe, load_recipe, recall, remember
+from maglev_offline.recipe import Recipe, load_recipe, parse_recipe, recall, remember
 
 PIPELINES = sorted((Path(__file__).parents[1] / "pipelines").glob("*.toml"))
 
@@ -95,9 +95,14 @@ def test_what_is_no_toml_is_told_with_its_line(mistakes):
     assert "line 2" in mistakes("name = 'x'\n= 3")
 
 
+def test_an_option_is_called_one():
+    with pytest.raises(RecipeError, match="Correct the option"):
+        parse_recipe({"select": {"start": "yesterday"}}, "--start")
+
+
 def test_bytes_that_are_no_text_are_told_of(tmp_path):
     (tmp_path / "wrong.toml").write_bytes(b"name = '\xff'")
-    with pytest.raises(RecipeError, match="no valid TOML"):
+    with pytest.raises(RecipeError, match="no text file"):
         load_recipe(tmp_path / "wrong.toml")
 
 

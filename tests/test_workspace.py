@@ -74,6 +74,16 @@ def test_the_body_may_fill_in_the_manifest(workspace):
     assert Manifest.read(workspace.path("a")).counts == {"rows": 7}
 
 
+def test_what_is_half_written_of_another_artefact_stays(workspace):
+    """Names that begin alike are of two artefacts, which two workers may write at once."""
+    with workspace.commit(workspace.path("log.2"), Manifest("log.2", "mark", {})) as draft:
+        (draft / "x").write_text("x")
+        for name in ("log", "log.", "log.2.3", "log-2"):
+            with workspace.commit(workspace.path(name), Manifest(name, "mark", {})):
+                pass
+    assert (workspace.path("log.2") / "x").is_file()
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_a_body_that_fails_leaves_the_old_artefact_and_no_draft(workspace, error):
     home = put(workspace, "old", "a")
@@ -114,12 +124,22 @@ def test_a_failure_while_putting_in_place_brings_the_old_artefact_back(workspace
     assert [p.name for p in workspace.root.iterdir()] == ["a"]
 
 
-def test_the_draft_of_a_killed_command_is_swept_away(workspace):
-    workspace.path(".a.draft").mkdir(parents=True)
-    workspace.path(".a.draft", "half.txt").write_text("half")
-    home = put(workspace, "whole", "a")
+@pytest.mark.parametrize("which", [1, 2])
+def test_an_interrupt_between_the_renames_leaves_the_old_artefact_or_the_new_one(workspace, monkeypatch, which):
+    home = put(workspace, "old", "a")
+    rename, count = type(home).rename, iter(range(1, 9))
+
+    def interrupted(self, target):
+        done = rename(self, target)
+        if next(count) == which:
+            raise KeyboardInterrupt
+        return done
+
+    monkeypatch.setattr(type(home), "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        put(workspace, "new", "a")
+    assert (home / "data.txt").read_text() == {1: "old", 2: "new"}[which]
     assert [p.name for p in workspace.root.iterdir()] == ["a"]
-    assert not (home / "half.txt").exists()
 
 
 def test_an_artefact_is_current_only_whole_and_from_the_same_inputs(workspace):
@@ -354,17 +374,44 @@ def killed_in(workspace, *left):
 
 def test_what_a_killed_command_left_half_written_goes_away_with_the_next_one(workspace):
     home = put(workspace, "abc", "samples", "a")
-    killed_in(workspace, "samples/.a.77.draft", "samples/.a.old", ".b.78.draft", ".keep")
-    (workspace.root / ".recipe.json.draft").write_text("half")
+    killed_in(workspace, "samples/.a.0123abcd.draft", "samples/.a.0123abcd.old", ".b.89abcdef.draft", ".keep")
+    (workspace.root / ".recipe.json.0a1b2c3d.draft").write_text("half")
     with workspace.lock("curate"):
         assert workspace.is_current(home, "mark")
     assert {p.name for p in workspace.root.iterdir()} - {module.KNOWN_HASHES} == {".lock", ".keep", "samples"}
     assert [p.name for p in home.parent.iterdir()] == ["a"]
 
 
+def test_files_of_others_in_the_folder_stay_as_they_are(workspace):
+    """A workspace may be the folder that one works in: hidden names of that kind are not all ours."""
+    killed_in(workspace, "proj/.cfg.old", "proj/.cfg.draft", ".plan.0123abc.draft", ".git/.x.0123abcd.draft")
+    (workspace.root / ".bashrc.old").write_text("mine")
+    (workspace.root / "notes").mkdir()
+    (workspace.root / "notes/.plan.draft").write_text("mine")
+    before = sorted(p for p in workspace.root.rglob("*") if p.name != ".lock")
+    with workspace.lock("curate"):
+        assert sorted(p for p in workspace.root.rglob("*") if p.name != ".lock") == before
+
+
+def test_the_next_command_holds_the_workspace_before_it_sweeps(workspace, monkeypatch):
+    """Else a worker of the killed one could go on between the two; and a kill while sweeping still leaves a name."""
+    killed_in(workspace)
+    seen = []
+    monkeypatch.setattr(module, "_sweep", lambda root: seen.append((root / ".lock").read_text()))
+    with workspace.lock("curate"):
+        assert seen[0].startswith("`maglev-offline curate`")
+
+
+def test_two_holders_of_one_command_and_number_are_two(workspace):
+    with workspace.lock("ingest"):
+        worker = pickle.loads(pickle.dumps(workspace))
+    with Workspace(workspace.root).lock("ingest"), pytest.raises(WorkspaceLocked):
+        put(worker, "late", "a")
+
+
 def test_an_artefact_that_a_killed_command_had_put_aside_comes_back(workspace):
     home = put(workspace, "abc", "samples", "a")
-    home.rename(home.with_name(".a.old"))
+    home.rename(home.with_name(".a.0123abcd.old"))
     killed_in(workspace)
     with workspace.lock("curate"):
         assert workspace.is_current(home, "mark")

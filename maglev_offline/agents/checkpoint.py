@@ -92,14 +92,20 @@ class Checkpoint:
             step, rows, rows_crc, crc = (int(about[name]) for name in ("step", "rows", "rows_crc", "crc"))
         except (KeyError, ValueError):
             raise Unusable("it is damaged") from None
-        # A checkpoint of an older version has no check sum of these two.
-        if _crc_of(state) != crc or about.get("about_crc", str(_crc_of_about(step, rows))) != str(
-            _crc_of_about(step, rows)
-        ):
+        both = str(_crc_of_about(step, rows))
+        if _crc_of(state) != crc or about.get("about_crc", both) != both:  # an older version has none of these two
             raise Unusable(f"it is damaged: {STATE} is not what was written")
         data = self._read_rows(rows, rows_crc)
         self._rows, self._crc = rows, rows_crc
         return Saved(step, state, data[-most_rows:])
+
+    def is_ours(self) -> bool:
+        """Whether there is a checkpoint of this very training, whatever state it is in."""
+        try:
+            about, _ = self._read_state()
+        except Unusable:
+            return False
+        return about is not None and about.get("mark") == self.mark
 
     def remove(self) -> None:
         """Forget it."""

@@ -162,11 +162,15 @@ def _checkpoint(task: _Task) -> Checkpoint:
 
 
 def _forget_checkpoint(task: _Task) -> None:
-    """Remove the checkpoint of a finished block: a command may be killed after the one and before the other."""
+    """Remove the checkpoint of a finished block: a command may be killed after the one and before the other.
+
+    One of another training of the same block, such as one of more steps that was stopped, stays.
+    """
     checkpoint = _checkpoint(task)
     if checkpoint.folder.is_dir():
         with checkpoint.held():
-            checkpoint.remove()
+            if checkpoint.is_ours():
+                checkpoint.remove()
 
 
 def _looked_at(task: _Task, world: World, progress: Progress) -> int:

@@ -62,9 +62,9 @@ def run() -> int:
         if type(error).__name__ == "NoArgsIsHelpError":  # the help is the answer, and is on the screen
             return BAD_INPUT
         told = _in_words(error)
+        if os.environ.get("MAGLEV_OFFLINE_DEBUG") and not isinstance(error, MaglevOfflineError | _ClickException):
+            raise
         if told is None:
-            if os.environ.get("MAGLEV_OFFLINE_DEBUG"):
-                raise
             told = MaglevOfflineError(
                 f"a failure of maglev-offline itself: {type(error).__name__}: {error}.",
                 todo="Nothing half-written was kept. "
@@ -83,20 +83,22 @@ def _in_words(error: Exception) -> MaglevOfflineError | None:
     if isinstance(error, _ClickException):
         context: Any = getattr(error, "ctx", None)
         command = context.command_path if context else "maglev-offline"
-        what = cast(Any, error).format_message().rstrip(".")
-        return InputError(f"{what}.", where=command, todo=f"See `{command} --help`.")
+        what = cast(Any, error).format_message().rstrip(".?")
+        return InputError(
+            f"{what}{'?' if 'Did you mean' in what else '.'}", where=command, todo=f"See `{command} --help`."
+        )
     if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith("maglev_offline"):
         what = f"the package {error.name} is not here, or not whole."
         return InputError(what, todo="`maglev-offline doctor` says what is missing, and how to get it.")
     if _no_room(error):
         todo = "Make room and give the same command again: what is finished is kept."
         return MaglevOfflineError("there is no room left to write.", where=_file_of(error), todo=todo)
-    if isinstance(error, FileNotFoundError) and error.filename:
+    if isinstance(error, FileNotFoundError) and _file_of(error):
         what = "it is not there, or was removed while it was needed."
-        return InputError(what, where=str(error.filename), todo="Put it back, or run the stage that makes it again.")
-    if isinstance(error, OSError) and error.errno in _REFUSED and error.filename:
-        what = f"it cannot be used ({error.strerror})."
-        return InputError(what, where=str(error.filename), todo="Give another path, or make it readable and writable.")
+        return InputError(what, where=_file_of(error), todo="Put it back, or run the stage that makes it again.")
+    if isinstance(error, OSError) and error.errno in _REFUSED and _file_of(error):
+        what = f"it cannot be used ({os.strerror(error.errno)})."
+        return InputError(what, where=_file_of(error), todo="Give another path, or make it readable and writable.")
     return None
 
 
@@ -111,8 +113,10 @@ def _no_room(error: Exception) -> bool:
 
 
 def _file_of(error: Exception) -> str:
+    """The file that an error is about, or nothing; pyarrow names it in its text only."""
     name = getattr(error, "filename", None)
-    return str(name) if name else ""
+    told = re.search(r"(?:file|directory) '([^']+)'", str(error))
+    return str(name) if name else told[1] if told else ""
 
 
 def _tell(error: MaglevOfflineError) -> int:

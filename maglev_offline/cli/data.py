@@ -107,7 +107,7 @@ def inspect(
     found = inspect_logs(find_logs(logs), session.recipe.request, jobs=cores(jobs), progress=session.talk)
     for one in found.logs:
         session.talk.table(views.heading(one.summary), list(views.CHANNEL_COLUMNS), views.channel_rows(one.summary))
-        session.talk.lines(*views.remarks(one.summary), *views.finding_lines(one.findings), "")
+        session.talk.lines(*map(session.talk.once, views.remarks(one.summary)), *views.finding_lines(one.findings), "")
     session.talk.lines(*views.finding_lines(found.across))
     if html is not None:
         from maglev_offline.filesystems import write_whole

@@ -35,7 +35,7 @@ WorkspaceOption = Annotated[
 ]
 PlantOption = Annotated[
     Path | None,
-    typer.Option("--plant", help="File with the [plant] to use instead of the recipe's, as `identify` writes it."),
+    typer.Option("--plant", help=r"File with the \[plant] to use instead of the recipe's, as `identify` writes it."),
 ]
 AlgoOption = Annotated[
     str | None,

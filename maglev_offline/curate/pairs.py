@@ -49,6 +49,7 @@ def pairs_of(samples: pd.DataFrame, plant: Plant) -> Pairs:
     samples = samples.sort_values(["log_id", "point", "segment", "step"], kind="stable", ignore_index=True)
     key = samples[["log_id", "point", "segment"]]
     joined = (key.iloc[:-1].to_numpy() == key.iloc[1:].to_numpy()).all(axis=1)
+    joined &= np.diff(samples["step"].to_numpy()) == 1  # of a segment of which not all was drawn
     first = np.flatnonzero(joined)
     here, there = samples.iloc[first], samples.iloc[first + 1]
 

@@ -48,8 +48,8 @@ class Windows:
 class Recording:
     """All samples in order of log, point, segment and step, as arrays: what windows are cut from.
 
-    `state` [m, 3], `voltage_v`, `set_point_m`, `t_ns` [m]; `segment` [m] numbers the segments of all points and logs;
-    `sound` [m]: finite, and out of contact; `place`: the columns of `PLACE`.
+    `state` [m, 3], `voltage_v`, `set_point_m`, `t_ns` [m]; `segment` [m] numbers the segments of all points and logs,
+    or the pieces that are drawn of them; `sound` [m]: finite, and out of contact; `place`: the columns of `PLACE`.
     """
 
     state: Array
@@ -65,12 +65,14 @@ def recording_of(samples: pd.DataFrame) -> Recording:
     """Lay a table of samples out; the order of its rows does not matter."""
     samples = samples.sort_values(["log_id", "point", "segment", "step"], kind="stable", ignore_index=True)
     values = samples[[*STATE, "voltage_v", "set_point_m"]].to_numpy(dtype=np.float64)
+    group = samples.groupby(["log_id", "point", "segment"], sort=False).ngroup().to_numpy()
+    breaks = (np.diff(group) != 0) | (np.diff(samples["step"].to_numpy()) != 1)
     return Recording(
         state=values[:, :3],
         voltage_v=values[:, 3],
         set_point_m=values[:, 4],
         t_ns=samples["t"].dt.as_unit("ns").to_numpy(dtype="datetime64[ns]").astype(np.int64),
-        segment=samples.groupby(["log_id", "point", "segment"], sort=False).ngroup().to_numpy().astype(np.int64),
+        segment=np.concatenate([np.zeros(min(1, len(group)), dtype=np.int64), np.cumsum(breaks)]),
         sound=np.isfinite(values).all(axis=1) & ~samples["contact"].to_numpy(dtype=bool),
         place=samples[list(PLACE)],
     )

@@ -11,6 +11,9 @@ from maglev_offline.settings import Settings
 ConstructionName = Literal["raw", "semi_markov", "interpolated", "consistent", "reconstructed", "simulated_next"]
 """How rows are made from pairs of samples; see `constructions`."""
 
+SEVERAL_ROWS: tuple[ConstructionName, ...] = ("interpolated", "consistent", "reconstructed")
+"""Constructions that make a row for each control period between two samples."""
+
 CONSISTENT_SHARE = 0.25
 """What `consistent` keeps unless the recipe says otherwise: what made interpolated 100 ms rows fit (decision 14)."""
 
@@ -27,7 +30,9 @@ class CurateSettings(Settings):
     `include` rules (or there are none) and no `exclude` rule; `balance` chooses `target_rows` of what remains. State
     and action are cut into `bins_*` cells between the `edge_quantile` and its complement, in which all balances are
     measured; with `cells` every cell gives as many rows as the fullest can spare. `low_cost_quantile` says what counts
-    as a low-cost row. `validation_share` of the logs (whole logs, never rows) are held out.
+    as a low-cost row. `validation_share` of the logs (whole logs, never rows) are held out. Where the workspace has
+    more than `most_samples` samples, so many are drawn, a minute of a point at a time; a construction that makes
+    several rows of two samples gets as many times fewer.
     """
 
     construction: ConstructionName = "raw"
@@ -36,6 +41,7 @@ class CurateSettings(Settings):
     exclude: tuple[Rule, ...] = ()
     balance: BalanceName = "cells"
     target_rows: int = Field(default=10_000, ge=1)
+    most_samples: int = Field(default=4_000_000, ge=1000)
     seed: int = Field(default=0, ge=0)
     bins_gap: int = Field(default=10, ge=1, le=1000)
     bins_velocity: int = Field(default=10, ge=1, le=1000)

@@ -10,9 +10,9 @@ import numpy as np
 
 from maglev_offline.control.pid import CascadeGains, PidGains
 from maglev_offline.curate.recovery.belief import Belief
-from maglev_offline.curate.settings import CurateSettings
+from maglev_offline.curate.settings import SEVERAL_ROWS, CurateSettings
 from maglev_offline.errors import ArtefactError
-from maglev_offline.ingest.store import load_samples
+from maglev_offline.ingest.drawing import Drawn, drawn_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import SILENT, Progress
@@ -67,16 +67,18 @@ def curate(
     from maglev_offline.curate.constructions.rows import NAMES
     from maglev_offline.curate.usable import usable_rows
 
-    samples = load_samples(folders)
+    drawn = drawn_samples(folders, settings.most_samples // _rows_of_a_pair(folders, settings, mdp), settings.seed)
     belief = Belief(settings.recovery, pid, cascade)
-    found = usable_rows(samples, str(workspace.path("samples")), settings, plant, mdp, belief, jobs)
-    made = _balanced(found.candidates, samples["log_id"].unique(), settings, plant, mdp)
-    judged = _judged(samples, made.training, settings, plant, mdp)
+    found = usable_rows(drawn.samples, str(workspace.path("samples")), settings, plant, mdp, belief, jobs)
+    made = _balanced(found.candidates, drawn.samples["log_id"].unique(), settings, plant, mdp)
+    judged = _judged(drawn.samples, made.training, settings, plant, mdp)
     manifest = Manifest(home.relative_to(workspace.root).as_posix(), mark, inputs)
     tables = {"curate": settings, "plant": plant, "mdp": mdp, "pid": pid, "cascade": cascade}
     manifest.settings = {name: table.model_dump(mode="json") for name, table in tables.items()}
-    manifest.counts, manifest.left_out = _books(found, made)
+    manifest.counts, manifest.left_out = _books(drawn, found, made)
     manifest.facts = made.facts | judged.facts | {"recovery": found.recovery}
+    if drawn.left:
+        progress.say(_of_the_whole(drawn))
     _tell(progress, found, made.training, settings, manifest.facts["doubts"])
     with workspace.commit(home, manifest) as draft:
         for name, part in {"transitions": made.curated, "candidates": found.candidates, **judged.tables}.items():
@@ -152,9 +154,29 @@ def _balanced(
     return _Balanced(training, curated, coverage_facts(rows, chosen, weight, settings, plant, mdp))
 
 
-def _books(found: Usable, made: _Balanced) -> tuple[dict[str, int], dict[str, int]]:
-    """Counts, and what was left out by reason: rows are those that were curated and all that was left out."""
+def _rows_of_a_pair(folders: Sequence[Path], settings: CurateSettings, mdp: Mdp) -> int:
+    """How many rows the construction makes of two samples: memory goes by them."""
+    if settings.construction not in SEVERAL_ROWS:
+        return 1
+    periods = [Manifest.read(folder).settings.get("ingest", {}).get("grid_ms", 0.0) for folder in folders]
+    return max(1, round(float(max(periods)) / mdp.control_period_ms))
+
+
+def _of_the_whole(drawn: Drawn) -> str:
+    return (
+        f"{len(drawn.samples):,} of {drawn.there:,} samples are drawn, minutes of a point at random, since "
+        "curate.most_samples says how many fit into memory. The others stay in the workspace."
+    )
+
+
+def _books(drawn: Drawn, found: Usable, made: _Balanced) -> tuple[dict[str, int], dict[str, int]]:
+    """Counts, and what was left out by reason: rows are those that were curated and all that was left out.
+
+    Samples that were not drawn make no rows: `samples` are those that were drawn and `samples_not_drawn`.
+    """
     counts = {
+        "samples": drawn.there,
+        "samples_not_drawn": drawn.left,
         "pairs": found.pairs,
         "rows": len(found.reason),
         "candidates": len(found.candidates),

@@ -37,9 +37,10 @@ class IdentifySettings(Settings):
     `filter_time_constants`: width of the moving averages that the derivative filter is made of, in time constants of
     the unstable plant; four of them in a row are one window. `loss`: a robust one gives little weight to rows where
     the magnet is not free. `least_windows_per_parameter`: windows that each fitted parameter needs, laid end to end.
-    `most_windows`: long recordings are thinned to so many. `folds`: pieces that are held out in turn where there is
-    one log; else whole logs are. `warn_phase_rad`, `refuse_phase_rad`: by how much the unstable plant may turn from
-    sample to sample. `identified_within`, `weak_within`: half width of the interval over the parameter's scale.
+    `most_samples`: of more, so many are drawn by `seed`, a minute of a point at a time. `most_windows`: long
+    recordings are thinned to so many. `folds`: pieces that are held out in turn where there is one log; else whole
+    logs are. `warn_phase_rad`, `refuse_phase_rad`: by how much the unstable plant may turn from sample to sample.
+    `identified_within`, `weak_within`: half width of the interval over the parameter's scale.
     """
 
     parameters: tuple[Name, ...] = NAMES
@@ -47,6 +48,8 @@ class IdentifySettings(Settings):
     filter_time_constants: float = Field(default=1.2, gt=0)
     loss: Loss = "soft_l1"
     least_windows_per_parameter: int = Field(default=4, ge=2)
+    most_samples: int = Field(default=4_000_000, ge=1000)
+    seed: int = Field(default=0, ge=0)
     most_windows: int = Field(default=20_000, ge=100)
     most_delay_samples: float = Field(default=5.0, gt=0)
     folds: int = Field(default=4, ge=2, le=20)

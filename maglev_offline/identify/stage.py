@@ -11,7 +11,7 @@ from maglev_offline.identify import verdict
 from maglev_offline.identify.identification import Identified, identify
 from maglev_offline.identify.plants import PLANT_FILE, fitted_plant, plant_text
 from maglev_offline.identify.settings import IdentifySettings
-from maglev_offline.ingest.samples import load_samples
+from maglev_offline.ingest.drawing import drawn_samples
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import SILENT, Progress
 from maglev_offline.tables import write_parquet
@@ -52,11 +52,18 @@ def run_identify(
         for text in Manifest.read(home).facts["warnings"]:
             progress.warn(text)
         return home, False
-    found = identify(load_samples(folders), plant, settings, where=str(workspace.path("samples")))
+    drawn = drawn_samples(folders, settings.most_samples, settings.seed)
+    found = identify(drawn.samples, plant, settings, where=str(workspace.path("samples")))
     for text in found.warnings:
         progress.warn(text)
     made, source = fitted_plant(plant, found.parameters)
-    manifest = Manifest(KIND, mark, inputs, counts=found.counts, left_out=found.left_out)
+    if drawn.left:
+        progress.say(
+            f"identify: {len(drawn.samples):,} of {drawn.there:,} samples are drawn, minutes of a point at random "
+            "(identify.most_samples)."
+        )
+    manifest = Manifest(KIND, mark, inputs, left_out=found.left_out)
+    manifest.counts = {"samples": drawn.there, "samples_not_drawn": drawn.left, **found.counts}
     manifest.settings = {"identify": settings.model_dump(mode="json"), "plant": plant.model_dump(mode="json")}
     manifest.facts = _facts(found, made)
     with workspace.commit(home, manifest) as draft:

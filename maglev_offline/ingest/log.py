@@ -253,10 +253,13 @@ def _too_few(parts: Sequence[Part], plan: SignalPlan, request: Request, made: In
     reasons = ", ".join(f"{code} {count:,}" for code, count in made.left_out.items()) or "it holds no messages"
     failures: Mapping[str, str] = made.facts["failures"]
     first = next((f" The first failure to decode, on {topic}: {text}." for topic, text in failures.items()), "")
+    told = next((f"{one.what} {one.todo} " for one in made.findings if one.severity == "error"), "")
+    if "not_selected_point" in made.left_out:
+        told = f"The log has the points {', '.join(plan.sources)}. {told}"
     return LogError(
         f"fewer than two usable samples come of the log; left out: {reasons}.{first}",
         where=", ".join(str(part.where) for part in parts),
-        todo=f"Look at the log with `maglev-offline inspect`; check the signals, their units, clock = "
+        todo=f"{told}Look at the log with `maglev-offline inspect`; check the signals, their units, clock = "
         f'"{plan.signal_map.clock}", and grid_ms = {request.settings.grid_ms:g} against its period.',
     )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -112,25 +113,43 @@ def open_samples(path: Path, context: tuple[str, ...]) -> ParquetSink:
     )
 
 
-def load_samples(folders: Iterable[Path]) -> pd.DataFrame:
+def load_samples(folders: Iterable[Path], point: str | None = None) -> pd.DataFrame:
     """Read the samples of several logs into one table, in the order given; a context column that a log lacks is NaN.
 
-    The origin columns are categories, always the same ones.
+    The origin columns are categories, always the same ones. `point`: of this suspension point only.
 
     Raises
     ------
     ArtefactError: a folder holds no samples that can be read.
     """
-    import pandas as pd
-
     tables = []
     for folder in folders:
-        try:
-            tables.append(_plain_names(pq.read_table(folder / SAMPLES)))
-        except (OSError, pa.ArrowException) as error:
-            raise ArtefactError(
-                f"the samples cannot be read ({error}).", where=str(folder), todo="Run the ingest stage again."
-            ) from None
+        with reading(folder):
+            tables.append(pq.read_table(folder / SAMPLES, filters=None if point is None else [("point", "==", point)]))
+    return as_frame(tables)
+
+
+@contextmanager
+def reading(folder: Path) -> Iterator[None]:
+    """Say which samples cannot be read.
+
+    Raises
+    ------
+    ArtefactError: reading failed.
+    """
+    try:
+        yield
+    except (OSError, pa.ArrowException) as error:
+        raise ArtefactError(
+            f"the samples cannot be read ({error}).", where=str(folder), todo="Run the ingest stage again."
+        ) from None
+
+
+def as_frame(tables: Iterable[pa.Table]) -> pd.DataFrame:
+    """One table of samples out of several, as `load_samples` gives it."""
+    import pandas as pd
+
+    tables = [_plain_names(table) for table in tables]
     context = dict.fromkeys(name for t in tables for name in t.column_names if name not in schema(()).names)
     wanted = _plain_names(schema(tuple(context)).empty_table()).schema
     joined = pa.concat_tables(tables, promote_options="default") if tables else wanted.empty_table()

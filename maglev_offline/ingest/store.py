@@ -251,6 +251,8 @@ def _work(
                 workspace.wait_for(outcome.folder, task.mark)
             tick(1)
             yield outcome
+        if elsewhere:
+            workspace.tidy(KIND)
         for task in large:
             outcome = _ingest_one(task, workspace, request, jobs, progress)
             tick(1)

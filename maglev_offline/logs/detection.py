@@ -105,7 +105,10 @@ def suggest(channels: Sequence[ChannelInfo]) -> str:
     if not candidates:
         return text
     likeliest = max(candidates, key=lambda c: (sum(_guess(c, name)[2] for name in _NEEDED), c.message_count, -c.id))
-    lines = ["Put this into the recipe, and check every field and unit:", "", "[signals]"]
+    lines = [
+        "Put this into a recipe, a file such as my.toml; check every field and unit; give it with --recipe my.toml:"
+    ]
+    lines += ["", "[signals]"]
     lines.append(f"topic = '{_guessed_pattern(likeliest, candidates)}'")
     for name, si_unit in UNIT_OF_SIGNAL.items():
         field, unit, likeness = _guess(likeliest, name)
@@ -113,24 +116,38 @@ def suggest(channels: Sequence[ChannelInfo]) -> str:
             remark = "not found: name it" if name in _NEEDED else "not found, and not needed"
             lines.append(f'# {name} = {{ field = "...", unit = "{si_unit}" }}  # {remark}')
         else:
-            remark = "" if likeness == _CERTAIN else "  # a guess"
+            remark = "" if likeness == _CERTAIN else "  # a guess" if unit else "  # a guess, and the unit more so"
             lines.append(f'{name} = {{ field = "{field}", unit = "{unit or si_unit}" }}{remark}')
-    lines += [
+    return "\n".join([text, *lines, *_origin(likeliest)])
+
+
+def _origin(channel: ChannelInfo) -> list[str]:
+    """Tables on what a log comes from, to paste and correct; of its own it tells the period only."""
+    period_ms = _mean_period_ms(channel)
+    remark = "" if period_ms is None else "  # messages of the topic come so often; more where points share it"
+    return [
         "",
         "# Then say what the log comes from: without these tables it is taken for a 700 kg magnet of a train,",
-        "# sampled every 100 ms. The values below are those of the train.",
+        "# sampled every 100 ms. The values of [plant] are those of the train: put in yours.",
         "[ingest]",
-        "grid_ms = 100",
+        f"grid_ms = {100 if period_ms is None else period_ms:g}{remark}",
         "",
         "[plant]",
-        "mass_kg = 700",
-        "resistance_ohm = 1.2",
-        "inductance_slope_h_m = 3.054e-3  # c in L(x) = L0 + c / (x + a); L0 and a are 0 here",
+        "mass_kg = 700  # what one magnet carries",
+        "resistance_ohm = 1.2  # of its coil",
+        "inductance_slope_h_m = 3.054e-3  # c in L(x) = L0 + c / (x + a), L0 = a = 0; c = 2 m g (gap / current)^2",
         "set_point_m = 0.008",
         "gap_min_m = 0.0005",
         "gap_max_m = 0.016",
     ]
-    return "\n".join([text, *lines])
+
+
+def _mean_period_ms(channel: ChannelInfo) -> float | None:
+    """The mean step between messages to three digits, None where there is none."""
+    first, last, steps = channel.first_log_time_ns, channel.last_log_time_ns, channel.message_count - 1
+    if first is None or last is None or steps < 1 or last <= first:
+        return None
+    return float(f"{(last - first) / steps / 1e6:.3g}")
 
 
 def _named(channel: ChannelInfo) -> dict[str, Signal]:
@@ -186,7 +203,8 @@ def _guess(channel: ChannelInfo, signal: str) -> tuple[str, str, float]:
                 rating = 2.0 - 0.1 * _NICKNAMES[signal].index(stem)
             else:
                 likeness = max(SequenceMatcher(None, stem, name).ratio() for name in _NICKNAMES[signal])
-                rating = likeness if likeness >= 0.7 else 0.0
+                told_by_unit = 0.7 if unit and signal in ("current", "voltage") else 0.0
+                rating = likeness if likeness >= 0.7 else told_by_unit
         if rating > best[2] and "*" not in path:
             best = (path, unit, rating)
     return best

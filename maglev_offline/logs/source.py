@@ -59,6 +59,21 @@ def is_uri(where: str | Path) -> bool:
     return isinstance(where, str) and is_address(where)
 
 
+_ARCHIVES = (b"PK\x03\x04", b"\x1f\x8b", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")
+"""How files of zip, gzip, Zstandard and 7-Zip begin."""
+
+
+def _instead(begins: bytes, name: str) -> str:
+    """What to do with a file that is no MCAP file, by its first bytes and its name."""
+    if begins.startswith(b"#ROSBAG") or name.endswith((".bag", ".db3")):
+        return "It is a ROS bag: make an MCAP file of it with the tool of the MCAP project, `mcap convert IN OUT.mcap`."
+    if begins.startswith(_ARCHIVES):
+        return "It is an archive: unpack it, and give the .mcap files that are in it."
+    if name.endswith(".toml"):
+        return "It is a recipe, it seems: give it with --recipe, and the logs beside it."
+    return "Give the .mcap file, or convert the log to MCAP first."
+
+
 @contextmanager
 def open_source(where: str | Path) -> Iterator[Source]:
     """Open a log for reading at any place; a URI goes through pyarrow, all else is a local path.
@@ -70,11 +85,12 @@ def open_source(where: str | Path) -> Iterator[Source]:
     with _open_remote(str(where)) if is_uri(where) else _open_local(Path(where)) as source:
         if source.size == 0:
             raise LogError("the file is empty (0 bytes).", where=source.name, todo="Copy it again from the recorder.")
-        if source.read_at(0, len(MAGIC)) != MAGIC:
+        begins = source.read_at(0, min(source.size, 16))
+        if not begins.startswith(MAGIC):
             raise LogError(
                 "this is not an MCAP file: it does not begin with the MCAP magic bytes.",
                 where=source.name,
-                todo="Give the .mcap file, or convert the log to MCAP first.",
+                todo=_instead(begins, source.name),
             )
         yield source
 

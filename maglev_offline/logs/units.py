@@ -28,7 +28,8 @@ def to_si_factor(unit: str, si_unit: str) -> float:
     try:
         zero, one = (float(registry.Quantity(value, unit).to(si_unit).magnitude) for value in (0.0, 1.0))
     except Exception:
-        raise ValueError(f"unit {unit!r} cannot be turned into {si_unit!r}: it measures {dimension_of(unit)}") from None
+        text = f"unit {unit!r} cannot be turned into {si_unit!r}: it measures {dimension_of(unit)}"
+        raise ValueError(f"{text}, where {dimension_of(si_unit)} is needed") from None
     if zero != 0:
         raise ValueError(f"unit {unit!r} has a zero of its own: give a unit without one, and state the offset")
     return one

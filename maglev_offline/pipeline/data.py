@@ -129,7 +129,7 @@ def fitting_samples(recipe: Recipe, workspace: Workspace, progress: Progress) ->
             f"samples of {len(others)} of {len(folders) + len(others)} logs were made with other [signals], [ingest] "
             f"or [plant] than this recipe has ({named})"
         )
-        todo = "Ingest those logs again with this recipe."
+        todo = "Ingest those logs again with this recipe, and with this --plant where one is given."
         if not folders:
             raise ArtefactError(f"{text}.", where=str(workspace.path("samples")), todo=todo)
         progress.warn(f"{text} and are left out. {todo}")

@@ -84,4 +84,7 @@ def identify(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     folders = fitting_samples(recipe, workspace, progress)
     folder, fresh = run_identify(workspace, folders, recipe.plant, recipe.identify, progress)
     sentence, rows, facts = summary(folder)
-    return Done("identify", folder, fresh, sentence, {"facts": facts}, "Parameters of the plant", COLUMNS, rows)
+    use = (
+        f"to use it: write its values into [plant] of the recipe, or give --plant {folder / 'plant.toml'}; ingest first"
+    )
+    return Done("identify", folder, fresh, sentence, {"facts": facts}, "Parameters of the plant", COLUMNS, rows, [use])

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from maglev_offline.ingest.samples import QUARANTINE, load_samples
+from maglev_offline.ingest.samples import QUARANTINE, SAMPLES, load_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.replay.prefill import load_prefill
+from maglev_offline.report.versions import as_told, made_by_another
 from maglev_offline.workspace import Manifest, Workspace, input_hash
 
 REPORT = "report"
@@ -128,7 +131,11 @@ class Evidence:
         """The plant and the decision process that the artefacts were made with, if any of them says so."""
         for artefact in (*self.blocks, *filter(None, [self.get("transitions")])):
             settings = artefact.manifest.settings
-            return Plant.model_validate(settings["plant"]), Mdp.model_validate(settings["mdp"])
+            try:
+                return Plant.model_validate(settings["plant"]), Mdp.model_validate(settings["mdp"])
+            except ValidationError as error:
+                wrong = ".".join(str(part) for part in error.errors()[0]["loc"])
+                raise made_by_another(artefact.name, artefact.folder, f"no {wrong!r} that can be read") from None
         return None
 
     def foreign(self, recipe: Mapping[str, Any]) -> list[str]:
@@ -215,7 +222,7 @@ def gather(workspace: Workspace) -> Evidence:
 
     Raises
     ------
-    ArtefactError: a manifest is damaged.
+    ArtefactError: a manifest is damaged, or another version made an artefact that lacks what pages show.
     """
     # Numbers of milliseconds in order of size, from the longest; other folders are none of ours.
     homes = [path for path in workspace.path(WITHIN).glob("*") if path.is_dir() and PERIOD.fullmatch(path.name)]
@@ -230,13 +237,20 @@ def _artefacts(root: Path) -> dict[str, Artefact]:
         if not parts or parts[0] in (*PAGES, WITHIN) or any(part.startswith(".") for part in parts):
             continue
         name = "/".join(parts)
-        found[name] = Artefact(name, path.parent, Manifest.read(path.parent), input_hash(path.parent))
+        mark = input_hash(path.parent)
+        found[name] = Artefact(name, path.parent, as_told(Manifest.read(path.parent), name, path.parent), mark)
     return dict(sorted(found.items()))
 
 
-def samples_of(log: Artefact) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The samples and the quarantine ledger of one log."""
-    return load_samples([log.folder]), pd.read_parquet(log.folder / QUARANTINE)
+def samples_of_a_point(log: Artefact) -> pd.DataFrame:
+    """The samples of the first point of a log, however many the others have."""
+    first = next(pq.ParquetFile(log.folder / SAMPLES).iter_batches(batch_size=1, columns=["point"]))
+    return load_samples([log.folder], str(first["point"][0]))
+
+
+def quarantine_of(log: Artefact) -> pd.DataFrame:
+    """The quarantine ledger of one log."""
+    return pd.read_parquet(log.folder / QUARANTINE)
 
 
 def _joined(paths: Iterable[Path]) -> pd.DataFrame | None:

@@ -1,6 +1,6 @@
 """What a page is made of: sections of paragraphs, notes, tables, figures and text as it is. No data, no markup."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -44,10 +44,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Plot:
-    """A figure with its key (unique in the page), caption, and what it says for those who do not see it."""
+    """A figure with its key (unique in the page), caption, and what it says for those who do not see it.
+
+    `figure` makes it once the page is set: who asks for the words of a section does not wait for it.
+    """
 
     key: str
-    figure: Figure
+    figure: Callable[[], Figure]
     caption: str
     label: str
     sources: Sequence[str] = ()

@@ -1,6 +1,7 @@
 """The sections on the logged data: origin, trajectories, coverage, prefill."""
 
 from collections import Counter
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pandas as pd
 
 from maglev_offline.report import figures_data
 from maglev_offline.report.coverage_table import coverage_table
-from maglev_offline.report.evidence import Artefact, Evidence, samples_of
+from maglev_offline.report.evidence import Artefact, Evidence, quarantine_of, samples_of_a_point
 from maglev_offline.report.numbers import NO_BREAK, NOTHING, interval, number, percent, plain, whole
 from maglev_offline.report.page import Block, Paragraph, Plot, Section, Table, not_yet
 from maglev_offline.report.settings import ReportSettings
@@ -128,7 +129,7 @@ def _sums(logs: list[Artefact]) -> list[Block]:
 def _left_out_table(evidence: Evidence, logs: list[Artefact]) -> Table:
     found: Counter[tuple[str, str]] = Counter()
     for log in logs:
-        _, ledger = samples_of(log)
+        ledger = quarantine_of(log)
         sums = ledger.groupby(["level", "code"], as_index=False)["count"].sum()
         for level, code, count in zip(sums["level"], sums["code"], sums["count"], strict=True):
             found[f"{level}s", str(code)] += int(count)
@@ -170,7 +171,7 @@ def trajectories_section(evidence: Evidence, settings: ReportSettings) -> Sectio
 
 def _trajectory(place: int, log: Artefact, settings: ReportSettings) -> Plot:
     """A stretch of the first point of a log."""
-    samples, quarantine = samples_of(log)
+    samples, quarantine = samples_of_a_point(log), quarantine_of(log)
     point = str(samples["point"].iloc[0])
     window = figures_data.trajectory_window(samples, quarantine, point, settings.example_duration_s)
     name = str(log.facts.get("file", log.folder.name))
@@ -192,7 +193,7 @@ def _trajectory(place: int, log: Artefact, settings: ReportSettings) -> Plot:
         f"Gap, gap velocity, current and voltage of point {point} of {name} from {number(window.start_s)} to "
         f"{number(end)} seconds."
     )
-    return Plot(f"trajectory-{place}", figures_data.trajectory_figure(window), caption, label)
+    return Plot(f"trajectory-{place}", partial(figures_data.trajectory_figure, window), caption, label)
 
 
 def coverage_section(evidence: Evidence) -> Section:
@@ -209,8 +210,13 @@ def coverage_section(evidence: Evidence) -> Section:
         "quantiles are counted in the cells at the edge. From transitions (candidates.parquet, transitions.parquet)."
     )
     label = f"Six histograms of {len(candidates)} transitions before balance and {len(curated)} after it."
-    section.blocks.append(Plot("coverage", figures_data.coverage_figure(candidates, curated), caption, label))
+    section.blocks.append(Plot("coverage", partial(figures_data.coverage_figure, candidates, curated), caption, label))
     section.blocks.append(coverage_table(made.facts))
+    left = made.manifest.counts.get("samples_not_drawn", 0)
+    if left:
+        drawn = made.manifest.counts["samples"] - left
+        text = f"{whole(drawn)} of {whole(drawn + left)} samples were drawn for this, minutes of a point at random."
+        section.blocks.append(Paragraph(text, "note"))
     kept = made.facts["low_cost_share_kept"]
     section.blocks.append(
         Paragraph(
@@ -247,6 +253,6 @@ def prefill_section(evidence: Evidence, *, trains: bool = True) -> Section:
     head += ["terminated", "truncated"]
     section.blocks.append(Table("The prefilled rows, as each algorithm sees them. From prefill.", head, rows))
     caption = "Costs (logarithmic axis) and actions of the prefilled rows. From prefill (prefill.safetensors)."
-    figure = figures_data.prefill_figure(columns)
+    figure = partial(figures_data.prefill_figure, columns)
     section.blocks.append(Plot("prefill", figure, caption, "Histograms of costs and actions of the prefilled rows."))
     return section

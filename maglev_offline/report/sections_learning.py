@@ -1,6 +1,7 @@
 """The sections on control and learning: regulation and return curves."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -85,7 +86,7 @@ def _regulation_plots(
     duration = process[1].episode_duration_s if process else 0.5
     short = None if classical is None else classical[classical["t_s"] <= duration]
     shown = None if agents is None else agents[agents["arm"].isin(drawn)]
-    figure = figures_control.regulation_figure(short, shown, set_point, duration, arms)
+    figure = partial(figures_control.regulation_figure, short, shown, set_point, duration, arms)
     seeds = 0 if agents is None else agents["seed"].nunique()
     parts = []
     if classical is not None:
@@ -101,7 +102,7 @@ def _regulation_plots(
     if classical is not None and classical["t_s"].max() > 1.5 * duration:
         span = plain(round(float(classical["t_s"].max()), 1))
         caption = f"Gap with PID and with the cascade over {span} s. From control (responses.parquet)."
-        figure = figures_control.long_response_figure(classical, set_point)
+        figure = partial(figures_control.long_response_figure, classical, set_point)
         plots.append(Plot("long", figure, caption, f"Gap with PID and with the cascade over {span} seconds."))
     return plots
 
@@ -165,7 +166,7 @@ def curves_section(evidence: Evidence, *, trains: bool = True) -> Section:
     exploratory = int(blocks[0].manifest.settings["training"]["exploratory_steps"]) if blocks else None
     still = Plot(
         "curves",
-        figures_learning.curves_figure(curves, reference, threshold, exploratory, drawn),
+        partial(figures_learning.curves_figure, curves, reference, threshold, exploratory, drawn),
         "Thin: one run; bold: the median; band: the interquartile range"
         f"{_left_out(arms, drawn)}. {_curves_caption(evidence, curves, reference, threshold, exploratory)}",
         f"Learning curves of {_runs(curves)} runs, a panel for each algorithm, a colour for each arm.",

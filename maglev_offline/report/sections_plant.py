@@ -1,6 +1,7 @@
 """The section on the plant: its linear model, force, stability, responses, robustness, and the paper's claims."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -96,7 +97,7 @@ def _model(control: Artefact, plant: Plant | None) -> list[Block]:
     label = (
         "Suspension force over gap and current, and lines of force over the gap with the weight and the equilibrium."
     )
-    return [*blocks, Plot("force", figures_plant.force_figure(plant), caption, label)]
+    return [*blocks, Plot("force", partial(figures_plant.force_figure, plant), caption, label)]
 
 
 def _stability(poles: Sequence[Sequence[float]]) -> str:
@@ -150,7 +151,7 @@ def _locus(control: Artefact) -> list[Block]:
         "where the voltage is held for a plant step. Rings: the recipe’s Kp. From control (root_locus.parquet)."
     )
     label = "Root locus of the PID over Kp, and the largest real part over Kp with the stable ranges."
-    figure = figures_plant.root_locus_figure(locus, ranges, kp)
+    figure = partial(figures_plant.root_locus_figure, locus, ranges, kp)
     return [Plot("root-locus", figure, caption, label), Paragraph(_ranges_sentence(control.facts, kp))]
 
 
@@ -216,7 +217,7 @@ def _steps(control: Artefact) -> list[Block]:
         "(responses.parquet)."
     )
     set_point = control.facts["equilibrium"]["gap_m"] if "equilibrium" in control.facts else None
-    figure = figures_plant.step_responses_figure(responses, set_point, STEPS_S)
+    figure = partial(figures_plant.step_responses_figure, responses, set_point, STEPS_S)
     names = [controller_stroke(str(name)).label for name in dict.fromkeys(responses["controller"])]
     label = f"Gap over time on the linear and the nonlinear plant, for {listing(names)}."
     return [Plot("steps", figure, caption, label)]
@@ -245,7 +246,7 @@ def _robustness(control: Artefact, plant: Plant | None) -> list[Block]:
         f"than that from the set-point. Dashed: what the recipe has.{followed} From control (robustness.parquet)."
     )
     label = "Maps of what each controller survives, over start and mass and over start and voltage limit."
-    figure = figures_plant.robustness_figure(table, plant, None if limit is None else float(limit))
+    figure = partial(figures_plant.robustness_figure, table, plant, None if limit is None else float(limit))
     return [Plot("robustness", figure, caption, label), _survival_table(table)]
 
 

@@ -1,6 +1,7 @@
 """The section on what rows teach and what the simulator explains, before anything is trained."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import pandas as pd
@@ -66,7 +67,7 @@ def truth_plot(cells: pd.DataFrame, rows: pd.DataFrame, facts: Mapping[str, Any]
         "(diagnostic_cells, diagnostic_rows)."
     )
     label = f"A map of the error of targets in {len(cells)} cells, and a histogram of taught over true advantages."
-    return Plot("truth", figures_truth.truth_figure(cells, rows), caption, label)
+    return Plot("truth", partial(figures_truth.truth_figure, cells, rows), caption, label)
 
 
 def residual_words(found: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
@@ -116,4 +117,4 @@ def residual_plot(residuals: pd.DataFrame, found: Mapping[str, Any], names: Mapp
         f"share of all logs is {listing(shares)}. From transitions (residuals)."
     )
     label = "A map of the share that the simulator does not explain, and bars of the residual of each log."
-    return Plot("residual", figures_truth.residual_figure(shortest, names), caption, label)
+    return Plot("residual", partial(figures_truth.residual_figure, shortest, names), caption, label)

@@ -1,6 +1,7 @@
 """The section on the verdict: what the prefill changed, metric by metric, and how the runs of each arm end."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from maglev_offline.report import figures_learning, words
@@ -37,7 +38,9 @@ def verdict_section(evidence: Evidence, *, trains: bool = True) -> Section:
         label = f"Forest plot of {len(rows)} differences: " + "; ".join(
             f"{row['label'].replace('  ', ' ')} {row['verdict']}" for row in rows
         )
-        section.blocks.append(Plot("forest", figures_learning.forest_figure(rows), caption, label, (TRANSFER,)))
+        section.blocks.append(
+            Plot("forest", partial(figures_learning.forest_figure, rows), caption, label, (TRANSFER,))
+        )
     for algorithm, found in facts["algorithms"].items():
         section.blocks += [_effects_table(algorithm, arm, facts) for arm in arms if arm in found["effects"]]
     section.blocks += [_arms_table(facts), Points(_notes(study))]

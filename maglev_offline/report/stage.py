@@ -144,7 +144,8 @@ def head_section(evidence: Evidence, recipe: Mapping[str, Any]) -> Section:
     head.blocks += [Paragraph(f"To be doubted: {doubt}", "warning") for doubt in doubts]
     foreign = evidence.foreign(recipe)
     if foreign:
-        text = f"Made with other tables than those of the recipe that this page shows: {', '.join(foreign)}."
+        text = "Made with other tables than those of the recipe that this page shows (by another recipe, or by options "
+        text += f"such as --seeds and --steps): {', '.join(foreign)}."
         head.blocks.append(Paragraph(text, "warning"))
     stale = evidence.stale()
     if stale:
@@ -180,13 +181,18 @@ def body_sections(
     ]
 
 
+def drawn(plot: Plot) -> Markup:
+    """The figure as markup, to be set into the page."""
+    return inline_svg(plot.figure(), plot.key)
+
+
 def render(title: str, head: Section, sections: list[Section], evidence: Evidence) -> str:
     """Set the page. Every text is escaped; only the figures, which matplotlib has escaped, are markup.
 
     A page with a figure that can be questioned has one script, which its security policy names by its hash.
     """
     environment = page_environment()
-    environment.globals["svg"] = lambda plot: inline_svg(plot.figure, plot.key)
+    environment.globals["svg"] = drawn
     environment.globals["json"] = json_block
     environment.tests["block"] = lambda block, kind: type(block).__name__ == kind
     moves = any(isinstance(block, Live) for section in sections for block in section.blocks)

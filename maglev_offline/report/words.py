@@ -34,6 +34,7 @@ REASONS = {
     "not_finite": "A value is missing, or is no finite number.",
     "out_of_range": "A value lies outside the range that the recipe declares valid.",
     "repeated_message": "The same time and the same values as the message before it.",
+    "not_explained_by_plant": "Plant and law cannot explain the samples between which the row lies.",
     "time_conflict": "The same time as an earlier message, but other values; the earlier one was kept.",
     "too_short": "The stretch around it holds a single message, or no instant of the grid.",
     "no_partner": "The point's other topics are silent at its time, so that no state can be formed.",
@@ -47,6 +48,7 @@ REASONS = {
     "not_in_include_rule": "The recipe includes certain rows only, and it is none of them.",
     "not_selected_by_balance": "Balance takes as many rows as the recipe asks for, and took others.",
     "held_out_for_validation": "The row belongs to a log that is held out for validation.",
+    "samples_not_drawn": "There are more samples than the recipe takes into memory, and others were drawn.",
     "over_prefill_rows": "The recipe asks for fewer rows.",
 }
 """What each reason code means."""

@@ -38,6 +38,8 @@ BAD_INPUT = [
     (("run",), "give a recipe"),
     (("run", "none.toml"), "there is no such recipe."),
     (("bogus",), "No such command 'bogus'."),
+    (("ingst",), "Did you mean 'ingest'"),
+    (("card",), "there are no transitions in the workspace."),
     (("ingest",), "Missing"),
     (("ingest", "logs", "--colour"), "--colour"),
 ]  # fmt: skip

@@ -64,9 +64,10 @@ def wandering(samples_of):
 def put_samples():
     """Commit a table of samples as the artefact of its log."""
 
-    def put(workspace, table):
+    def put(workspace, table, settings=None):
         log_id = table["log_id"].iloc[0]
         manifest = Manifest("samples", f"samples of {log_id}", {}, counts={"rows": len(table)})
+        manifest.settings = settings or {}
         with workspace.commit(workspace.path("samples", log_id), manifest) as draft:
             table.to_parquet(draft / "samples.parquet")
 

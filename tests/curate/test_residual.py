@@ -32,6 +32,13 @@ def test_a_window_lies_in_one_segment_finite_and_out_of_contact(samples_of):
     assert len(windows_of(recording_of(samples), 8, 0)) == 0
 
 
+def test_no_window_reaches_over_samples_that_were_not_drawn(samples_of):
+    samples = samples_of([0.008] * 10).drop(index=[4]).reset_index(drop=True)
+    found = windows_of(recording_of(samples), 2, 0)
+    assert found.place["step"].tolist() == [0, 1, 5, 6, 7]
+    np.testing.assert_allclose(found.duration_s, 0.1)
+
+
 def test_the_order_of_the_samples_does_not_matter(driven_samples):
     samples = driven_samples()
     first, second = (

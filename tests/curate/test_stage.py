@@ -25,10 +25,13 @@ SMALL = CurateSettings(target_rows=100, bins_gap=3, bins_velocity=3, bins_curren
 
 class Listener(Silent):
     def __init__(self):
-        self.warnings = []
+        self.warnings, self.said = [], []
 
     def warn(self, text):
         self.warnings.append(text)
+
+    def say(self, text):
+        self.said.append(text)
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +56,10 @@ def test_every_pair_of_samples_is_a_candidate_or_left_out_for_a_reason(workspace
     folder, _ = curate(workspace, settings, PLANT, MDP)
     manifest = Manifest.read(folder)
     pairs = 4 * 79 + 4
-    assert manifest.counts == {"pairs": pairs, "rows": pairs, "candidates": 4 * 79 + 2, "transitions": 100}
+    assert manifest.counts == {
+        "samples": 4 * 80 + 5, "samples_not_drawn": 0,
+        "pairs": pairs, "rows": pairs, "candidates": 4 * 79 + 2, "transitions": 100,
+    }  # fmt: skip
     candidates = pd.read_parquet(folder / "candidates.parquet")
     held_out = int((candidates["split"] == "validation").sum())
     assert held_out > 0
@@ -64,6 +70,32 @@ def test_every_pair_of_samples_is_a_candidate_or_left_out_for_a_reason(workspace
         "not_selected_by_balance": 4 * 79 + 2 - held_out - 100,
     }
     assert sum(manifest.left_out.values()) + manifest.counts["transitions"] == manifest.counts["pairs"]
+
+
+def test_more_samples_than_memory_should_hold_are_drawn_and_counted(workspace, put_samples, wandering):
+    """No pair reaches over what was not drawn, and whoever asks is told how many samples there are."""
+    put_samples(workspace, wandering("log-long", 6000))
+    settings, heard = SMALL.model_copy(update={"most_samples": 3000}), Listener()
+    folder, _ = curate(workspace, settings, PLANT, MDP, progress=heard)
+    counts = Manifest.read(folder).counts
+    assert counts["samples"] == 6320
+    assert 3000 - 600 < 6320 - counts["samples_not_drawn"] <= 3000
+    candidates = pd.read_parquet(folder / "candidates.parquet")
+    assert set(candidates["duration_s"].round(9)) == {0.1}
+    assert counts["pairs"] == counts["rows"] < 3000
+    assert any("of 6,320 samples are drawn" in text for text in heard.said)
+
+
+def test_a_construction_of_several_rows_draws_as_many_times_fewer_samples(workspace, put_samples, wandering):
+    put_samples(workspace, wandering("log-long", 6000), settings={"ingest": {"grid_ms": 100.0}})
+    drawn = {}
+    for name in ("raw", "interpolated"):
+        settings = SMALL.model_copy(update={"most_samples": 6100, "construction": name})
+        folder, _ = curate(workspace, settings, PLANT, MDP)
+        counts = Manifest.read(folder).counts
+        drawn[name] = counts["samples"] - counts["samples_not_drawn"]
+    assert drawn["raw"] > 6100 - 600
+    assert drawn["interpolated"] <= 610
 
 
 def test_the_artefact_holds_the_choice_and_all_candidates(workspace):

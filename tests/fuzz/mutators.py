@@ -20,13 +20,12 @@ def mutated(data: bytes, other: bytes, seed: str) -> bytes:
     return data
 
 
-def mutated_text(text: str, other: str, seed: str) -> bytes:
+def mutated_text(data: bytes, other: bytes, seed: str) -> bytes:
     """The same for TOML and JSON: values, lines, brackets; now and then bytes."""
-    draw = random.Random(seed)
+    draw, text = random.Random(seed), data.decode()
     for _ in range(draw.choice((1, 1, 2, 4))):
-        text = draw.choice(_TEXT)(text, other, draw)
-    data = text.encode()
-    return mutated(data, other.encode(), seed) if draw.random() < 0.2 else data
+        text = draw.choice(_TEXT)(text, other.decode(), draw)
+    return mutated(text.encode(), other, seed) if draw.random() < 0.2 else text.encode()
 
 
 def _place(data, draw):

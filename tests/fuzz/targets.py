@@ -5,6 +5,7 @@ A target has `files`, some whole ones to begin with, each a mapping from name to
 
 import io
 import json
+import random
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from mutators import mutated, mutated_text
 from safetensors.numpy import save, save_file
 
 from maglev_offline.agents.checkpoint import Checkpoint, Unusable
@@ -39,26 +41,27 @@ Files = Mapping[str, bytes]
 
 
 class Target(NamedTuple):
-    """`files`: whole ones; `read`: reads a folder with one of them changed; `text`: they are texts."""
+    """`files`: whole ones; `read`: reads a folder with one of them changed by `change`, which is given another, too."""
 
     files: tuple[Files, ...]
     read: Callable[[Path, Files], str]
-    text: bool = False
+    change: Callable[[bytes, bytes, str], bytes] = mutated
 
 
 def all_targets(scratch: Path) -> dict[str, Target]:
     """Every target, by name."""
     return {
-        "mcap": Target(_logs(scratch), _read_log),
-        "recipe": Target(_recipes(), _read_recipe, text=True),
-        "plant": Target(_plants(), _read_plant, text=True),
+        "mcap": Target(logs := _logs(scratch), _read_log),
+        "messages": Target(logs[:3], _read_log, _other_messages),
+        "recipe": Target(_recipes(), _read_recipe, mutated_text),
+        "plant": Target(_plants(), _read_plant, mutated_text),
         "prefill": Target(_prefills(), _read_prefill),
         "sb3": Target(_sb3s(scratch), _read_sb3),
         "checkpoint": Target(_checkpoints(scratch), _read_checkpoint),
         "policy": Target(_policies(), _read_policy),
-        "manifest": Target(_manifests(scratch), _read_manifest, text=True),
+        "manifest": Target(_manifests(scratch), _read_manifest, mutated_text),
         "remembered": Target(({"recipe.json": json.dumps(load_recipe(PIPELINES / "levitator.toml").plain()).encode()},),
-                             _read_remembered, text=True),
+                             _read_remembered, mutated_text),
     }  # fmt: skip
 
 
@@ -76,17 +79,34 @@ def _logs(scratch):
     return tuple({"a.mcap": data} for data in (*whole, *(_rewritten(data, way) for data in whole for way in ways)))
 
 
-def _rewritten(data, way):
+def _rewritten(data, way, of_payload=bytes, of_schema=bytes):
+    """The same messages written another way, with payloads and definitions changed."""
     out, topics = io.BytesIO(), {}
     writer = Writer(out, **way)
     writer.start()
     for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages(log_time_order=False):
         if channel.id not in topics:
-            known = writer.register_schema(schema.name, schema.encoding, schema.data) if schema else 0
+            known = writer.register_schema(schema.name, schema.encoding, of_schema(schema.data)) if schema else 0
             topics[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, known)
-        writer.add_message(topics[channel.id], message.log_time, message.data, message.publish_time, message.sequence)
+        payload = of_payload(message.data)
+        writer.add_message(topics[channel.id], message.log_time, payload, message.publish_time, message.sequence)
     writer.finish()
     return out.getvalue()
+
+
+def _other_messages(data, other, seed):
+    """A sound file, whose check sums hold, around payloads (and now and then definitions) that are changed."""
+    draw = random.Random(seed)
+    often, of_definition = draw.choice((0.02, 0.1, 1.0)), draw.random() < 0.2
+
+    def change(content):
+        return mutated(content, content, f"{seed} {draw.random()}")
+
+    def of_payload(content):
+        return change(content) if draw.random() < often else content
+
+    whole = {"compression": CompressionType.NONE}
+    return _rewritten(data, whole, of_payload, change if of_definition else bytes)
 
 
 def _read_log(folder, whole):

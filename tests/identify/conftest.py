@@ -1,6 +1,4 @@
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,16 +7,6 @@ import pytest
 from maglev_offline.control.lqi import LqiWeights, lqi
 from maglev_offline.control.simulate import regulate
 from maglev_offline.mdp import Mdp
-
-
-@pytest.fixture(scope="session")
-def levitador():
-    """Folder of the recorded logs of a laboratory levitator."""
-    here = Path(__file__).parents[3] / "shared/data/levitador"
-    folder = Path(os.environ.get("MAGLEV_OFFLINE_LEVITADOR", here))
-    if not folder.is_dir():
-        pytest.skip(f"the recorded levitator logs are not at {folder} (set MAGLEV_OFFLINE_LEVITADOR)")
-    return folder
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,15 @@ def test_artefact_and_plant_file(tmp_path, levitator, simulate):
     assert facts["parameters"]["resistance_ohm"]["declared_outside_interval"]
 
 
+def test_of_more_samples_than_it_may_hold_some_are_drawn_and_the_others_counted(tmp_path, levitator, simulate):
+    workspace, samples = Workspace(tmp_path), simulate(levitator, 2.0, noise=0.01)
+    few = IdentifySettings(most_samples=max(1000, len(samples) // 2))
+    folder, _ = run_identify(workspace, stored(workspace, samples), levitator, few)
+    made = Manifest.read(folder)
+    assert made.counts["samples_not_drawn"] > 0
+    assert made.counts["rows"] + made.counts["samples_not_drawn"] == made.counts["samples"] == len(samples)
+
+
 def test_without_samples(tmp_path, levitator):
     with pytest.raises(ArtefactError, match="no samples"):
         run_identify(Workspace(tmp_path), [], levitator, IdentifySettings())

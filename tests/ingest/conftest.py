@@ -1,6 +1,3 @@
-import importlib.util
-import os
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,26 +12,6 @@ from maglev_offline.workspace import Workspace
 
 T0 = 1_700_000_000_000_000_000
 """A multiple of every grid period used here, in ns."""
-
-
-@pytest.fixture(scope="session")
-def mcap_files():
-    """The helper that writes small MCAP files."""
-    path = Path(__file__).parents[1] / "logs/mcap_files.py"
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="session")
-def levitador():
-    """Folder of the recorded logs of a laboratory levitator."""
-    here = Path(__file__).parents[3] / "shared/data/levitador"
-    folder = Path(os.environ.get("MAGLEV_OFFLINE_LEVITADOR", here))
-    if not folder.is_dir():
-        pytest.skip(f"the recorded levitator logs are not at {folder} (set MAGLEV_OFFLINE_LEVITADOR)")
-    return folder
 
 
 @pytest.fixture(scope="session")

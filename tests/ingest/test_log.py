@@ -335,6 +335,12 @@ class TestRefusal:
         with pytest.raises(LogError, match=r"left out: not_finite 50"):
             ingest(REGULAR, np.full(50, np.nan))
 
+    def test_a_wrong_unit_is_told_with_the_one_that_would_fit(self, ingest):
+        in_um = np.full(50, 8000.0) + np.arange(50)
+        with pytest.raises(LogError, match="left out: contact 50") as found:
+            ingest(REGULAR, in_um)
+        assert "The unit that would fit is 'um'" in found.value.todo
+
     def test_no_signal_that_can_be_mapped(self, ingest):
         with pytest.raises(LogError, match="have to be named"):
             ingest(REGULAR, values=[{"temperature": 20.0}] * 50)

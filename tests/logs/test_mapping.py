@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -158,6 +159,15 @@ class TestWithoutAMap:
         table = tomllib.loads(todo[todo.index("[signals]") :])["signals"]
         assert table["gap"] == {"field": "gap_mm", "unit": "mm"}
         assert re.fullmatch(table["topic"], "/car/2/magnet")["point"] == "2"
+
+    def test_the_offer_takes_a_unit_that_only_one_signal_has_and_the_period_of_the_log(self):
+        log = replace(channel("/magnet", "airgap_um", "coil_ma", "volts", messages=5), last_log_time_ns=80_000_000)
+        with pytest.raises(LogError) as found:
+            resolve(None, [log])
+        table = tomllib.loads(found.value.todo[found.value.todo.index("[signals]") :])
+        assert table["signals"]["current"] == {"field": "coil_ma", "unit": "mA"}
+        assert table["ingest"]["grid_ms"] == 20
+        assert 'unit = "V" }  # a guess, and the unit more so' in found.value.todo
 
     def test_a_log_without_numbers(self):
         with pytest.raises(LogError) as found:

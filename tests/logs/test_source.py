@@ -48,6 +48,21 @@ class TestLocal:
         (tmp_path / "a.mcap").write_bytes(content)
         assert "not an MCAP file" in refused(tmp_path / "a.mcap")
 
+    @pytest.mark.parametrize(
+        ("name", "content", "todo"),
+        [
+            ("a.bag", b"#ROSBAG V2.0\n", "mcap convert"),
+            ("a.zip", b"PK\x03\x04", "unpack it"),
+            ("a.toml", b"[signals]\n", "give it with --recipe"),
+            ("a.csv", b"t,gap\n", "convert the log to MCAP"),
+        ],
+    )
+    def test_what_to_do_with_another_file(self, tmp_path, name, content, todo):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(LogError) as found:
+            open_source(tmp_path / name).__enter__()
+        assert todo in found.value.todo
+
     def test_a_disk_that_fails(self, containers, tmp_path, monkeypatch):
         path = containers.write(tmp_path / "a.mcap", containers.messages(10))
 

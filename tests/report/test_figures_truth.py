@@ -26,7 +26,7 @@ def section(evidence):
 
 @pytest.fixture(scope="module")
 def figures(section):
-    return {block.key: block.figure for block in section.blocks if hasattr(block, "figure")}
+    return {block.key: block.figure() for block in section.blocks if hasattr(block, "figure")}
 
 
 def cells_of(ax):

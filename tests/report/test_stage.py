@@ -18,7 +18,6 @@ from maglev_offline.report.evidence import gather
 from maglev_offline.report.numbers import interval, number, whole
 from maglev_offline.report.settings import ReportSettings
 from maglev_offline.report.stage import build_report
-from maglev_offline.report.svg import inline_svg
 from maglev_offline.workspace import Manifest, Workspace, sha256_of
 
 FIGURES = (
@@ -39,11 +38,13 @@ def build(workspace, recipe, drawn=FIGURES, **changes):
     `reported` has all of them drawn; a test of the words draws those that look different in its workspace.
     """
 
-    def draw(figure, key):
-        return inline_svg(figure, key) if key in drawn else Markup('<svg viewBox="0 0 1 1"></svg>')
+    real = stage.drawn
+
+    def draw(plot):
+        return real(plot) if plot.key in drawn else Markup('<svg viewBox="0 0 1 1"></svg>')
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage, "inline_svg", draw)
+        patch.setattr(stage, "drawn", draw)
         return build_report(workspace, ReportSettings(**changes), recipe.plain(), recipe.name)
 
 
@@ -208,7 +209,7 @@ def test_doubts_are_told_in_the_head(workspace, recipe, read_page):
 def test_artefacts_of_another_recipe_are_named_with_their_tables(workspace, recipe, read_page):
     other = recipe.model_copy(update={"plant": Plant(mass_kg=650), "curate": CurateSettings(target_rows=301)})
     text = read_page(build(workspace, other, drawn=())[0]).text
-    told = text.split("Made with other tables than those of the recipe that this page shows:")[1].split("\n")[0]
+    told = text.split("such as --seeds and --steps):")[1].split("\n")[0]
     assert "transitions ([curate], [plant])" in told or "transitions ([plant], [curate])" in told
     assert "control ([plant])" in told
     assert "transfer ([plant])" in told

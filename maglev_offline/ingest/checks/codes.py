@@ -40,7 +40,8 @@ CODES: dict[str, Code] = {
     "time_conflict": Code(
         "recording", "warning", "Messages have the time of an earlier one and other values.",
         "Messages with the time of an earlier one and other values: {count:,} ({share:.2%}).",
-        "The first of each time is kept. Mend the sender's clock, or use another clock.",
+        "The first of each time is kept. Where several points share the topic, record each on a topic of its own; else "
+        "mend the sender's clock, or use another clock.",
     ),
     "clock_frozen": Code(
         "recording", "error", "The clock stands while messages go on.",

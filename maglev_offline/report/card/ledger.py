@@ -22,6 +22,9 @@ def ledger(parts: Parts) -> list[dict[str, Any]]:
         _entry("ingest", "grid rows", int(total["grid_rows"]), int(total["rows"]), put_aside["sample"]),
         _entry("curate", "rows", counts["rows"], counts["transitions"], left_out),
     ]
+    if not_drawn := counts.get("samples_not_drawn", 0):
+        drawn = counts["samples"] - not_drawn
+        entries.insert(2, _entry("curate", "samples", counts["samples"], drawn, {"samples_not_drawn": not_drawn}))
     for artefact in parts.prefills:
         lost = {code: n for code, n in artefact.manifest.left_out.items() if n}
         used = artefact.manifest.counts["rows"]

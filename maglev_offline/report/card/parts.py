@@ -10,6 +10,7 @@ from maglev_offline.ingest.content import CONTENT
 from maglev_offline.ingest.findings import FINDINGS, Finding, load_findings
 from maglev_offline.ingest.shared_content import KIND as SHARED
 from maglev_offline.report.evidence import Artefact
+from maglev_offline.report.versions import as_told
 from maglev_offline.workspace import Workspace
 
 TRANSITIONS = "transitions"
@@ -45,6 +46,9 @@ def parts_of(workspace: Workspace) -> Parts:
     ------
     ArtefactError: there are no transitions, or not all samples that they were made of are there as they were.
     """
+    if not (workspace.path(TRANSITIONS) / "manifest.json").is_file():
+        todo = "Run `maglev-offline ingest LOGS...` first, or give the right --workspace."
+        raise ArtefactError("there are no transitions in the workspace.", where=str(workspace.root), todo=todo)
     transitions = _artefact(workspace, workspace.path(TRANSITIONS))
     wanted = transitions.manifest.inputs
     there = [name for name in wanted if (workspace.root / name / "manifest.json").is_file()]
@@ -65,7 +69,8 @@ def parts_of(workspace: Workspace) -> Parts:
 
 def _artefact(workspace: Workspace, folder: Path) -> Artefact:
     name = folder.relative_to(workspace.root).as_posix()
-    return Artefact(name, folder, workspace.manifest(folder), workspace.input_hash(folder))
+    mark = workspace.input_hash(folder)
+    return Artefact(name, folder, as_told(workspace.manifest(folder), name, folder), mark)
 
 
 def _shared(workspace: Workspace, samples: tuple[Artefact, ...]) -> tuple[Finding, ...] | None:

@@ -1,6 +1,7 @@
 """The sections of a study: every arm seed by seed, how runs lie, and why. None where the study has no such facts."""
 
 from collections.abc import Mapping
+from functools import partial
 
 from maglev_offline.report.evidence import Artefact, Evidence
 from maglev_offline.report.numbers import listing, number
@@ -21,7 +22,7 @@ def differences_section(evidence: Evidence) -> Section | None:
     if study is None:
         return None
     facts, confidence = study.facts, _confidence(study)
-    figure = differences.differences_figure(facts, runs_of(study))
+    figure = partial(differences.differences_figure, facts, runs_of(study))
     caption = differences.differences_caption(facts, confidence)
     label = "Paired differences of every seed and arm. " + " ".join(_verdict_sentences(facts))
     section = Section("differences", "All arms, seed by seed")
@@ -40,7 +41,7 @@ def profiles_section(evidence: Evidence) -> Section | None:
         return None
     facts, confidence = study.facts, _confidence(study)
     steps = int(study.manifest.settings["training"]["steps"])
-    figure = profiles.profiles_figure(facts, runs_of(study), steps, confidence)
+    figure = partial(profiles.profiles_figure, facts, runs_of(study), steps, confidence)
     label = "Performance profiles of the cost at the end, and shares of runs that reached the threshold over the steps."
     section = Section("profiles", "How the runs lie: final cost, and time to the threshold")
     section.blocks.append(Paragraph(" ".join(_reached_sentences(facts))))
@@ -132,7 +133,7 @@ def _attribution(facts: Facts, confidence: float) -> list[Block]:
         Paragraph(text),
         Plot(
             "attribution",
-            attribution.attribution_figure(facts),
+            partial(attribution.attribution_figure, facts),
             attribution.attribution_caption(facts, confidence),
             f"Differences without each part of the rows. {text}",
             SOURCE,
@@ -152,7 +153,7 @@ def _foretelling(study: Artefact, confidence: float) -> list[Block]:
         Paragraph(text),
         Plot(
             "foretelling",
-            foretelling.foretelling_figure(facts, runs_of(study)),
+            partial(foretelling.foretelling_figure, facts, runs_of(study)),
             foretelling.foretelling_caption(facts, confidence),
             f"Target error of each arm’s rows against what it did. {text}",
             SOURCE,

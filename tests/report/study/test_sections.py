@@ -75,8 +75,8 @@ def test_the_same_study_gives_the_same_bytes(sections, study):
     for key, section in again.items():
         for first, second in zip(sections[key].blocks, section.blocks, strict=True):
             if isinstance(first, Plot):
-                svg = inline_svg(first.figure, first.key)
-                assert svg == inline_svg(second.figure, second.key)
+                svg = inline_svg(first.figure(), first.key)
+                assert svg == inline_svg(second.figure(), second.key)
                 assert len(svg) < 150_000
 
 
