@@ -163,6 +163,7 @@ class Mirror:
         folder, files = target.parent, _files_of(content, self._where(item))
         if not folder.name or folder == self.root:
             raise ArtefactError("an artefact lies in a folder.", where=self._where(item), todo="Remove the file.")
+        # Names that are always the same: what a killed command left is cleared here, when its item comes again.
         draft, retired = folder.with_name(f".{folder.name}.draft"), folder.with_name(f".{folder.name}.old")
         for leftover in (draft, retired):
             shutil.rmtree(leftover, ignore_errors=True)

@@ -1,6 +1,7 @@
 """A store that speaks S3, served here by moto: logs in it, a workspace in it, and what goes wrong with it."""
 
 import hashlib
+import json
 import os
 import signal
 import subprocess
@@ -161,13 +162,14 @@ def test_the_second_of_two_commands_is_told_who_works_there(done):
 
 
 def test_a_command_that_is_killed_while_it_brings_things_there_is_made_good_by_the_next(done):
-    command = done.begin("ingest", "s3://bucket/logs/*.mcap", "--recipe", "recipe.toml", "-w", "s3://bucket/killed")
+    argv = ("ingest", "s3://bucket/logs/*.mcap", "--recipe", "recipe.toml", "-w", "s3://bucket/killed", "--jobs", 1)
+    command = done.begin(*argv)
     while not done.keys("killed/samples"):
         assert command.poll() is None
         time.sleep(0.005)
     command.send_signal(signal.SIGKILL)
     command.communicate()
-    done.run("ingest", "s3://bucket/logs/*.mcap", "--recipe", "recipe.toml", "-w", "s3://bucket/killed")
+    done.run(*argv)
     work = {key.removeprefix("work/"): done.hash_of(key) for key in done.keys("work/samples/")}
     assert {key.removeprefix("killed/"): done.hash_of(key) for key in done.keys("killed/samples/")} == work
 
@@ -177,6 +179,31 @@ def test_a_bucket_that_is_not_there_is_told_of(store):
     assert "there is no such bucket" in said
     said = store.run("ingest", "s3://other/logs/*.mcap", code=2)
     assert "s3://other" in said
+
+
+@pytest.fixture
+def good_keys(store, monkeypatch):
+    """The keys of a user who may do everything, while the server asks for them: moto does not unless it is told to."""
+    iam = boto3.client(
+        "iam", endpoint_url=store.server, region_name="us-east-1", aws_access_key_id="a", aws_secret_access_key="b"
+    )
+    everything = {"Version": "2012-10-17", "Statement": [{"Effect": "Allow", "Action": "*", "Resource": "*"}]}
+    iam.create_user(UserName="user")
+    iam.put_user_policy(UserName="user", PolicyName="all", PolicyDocument=json.dumps(everything))
+    keys = iam.create_access_key(UserName="user")["AccessKey"]
+
+    monkeypatch.setattr("moto.settings.INITIAL_NO_AUTH_ACTION_COUNT", 0)  # the server is a thread of this process
+    return {"AWS_ACCESS_KEY_ID": keys["AccessKeyId"], "AWS_SECRET_ACCESS_KEY": keys["SecretAccessKey"]}
+
+
+def test_wrong_keys_are_told_of_and_the_secret_is_not(store, good_keys):
+    argv = ("ingest", "s3://bucket/logs/*.mcap", "--workspace", "s3://bucket/keys", "--jobs", 1)
+    unknown = {"AWS_ACCESS_KEY_ID": "AKIAIOSFODNN7EXAMPLE", "AWS_SECRET_ACCESS_KEY": "notTheSecret"}
+    for wrong in (unknown, {**good_keys, "AWS_SECRET_ACCESS_KEY": "notTheSecret"}):
+        said = store.run(*argv, code=2, **wrong)
+        assert "the store refuses access" in said
+        assert "notTheSecret" not in said
+    store.run(*argv, **good_keys)
 
 
 def test_a_server_that_is_not_there_is_told_of_soon(store):

@@ -3,6 +3,7 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -380,6 +381,31 @@ def test_what_a_killed_command_left_half_written_goes_away_with_the_next_one(wor
         assert workspace.is_current(home, "mark")
     assert {p.name for p in workspace.root.iterdir()} - {module.KNOWN_HASHES} == {".lock", ".keep", "samples"}
     assert [p.name for p in home.parent.iterdir()] == ["a"]
+
+
+def test_what_a_lost_worker_left_half_written_goes_away_while_the_command_goes_on(workspace):
+    home = put(workspace, "abc", "samples", "a")
+    killed_in(workspace, "samples/.b.0123abcd.draft", ".ticks.89abcdef.draft")
+    workspace.tidy("samples")
+    assert [p.name for p in home.parent.iterdir()] == ["a"]
+    assert workspace.path(".ticks.89abcdef.draft").is_dir()
+
+
+def test_what_another_machine_made_is_waited_for(workspace):
+    home = put(workspace, "abc", "samples", "a")
+    late = home.rename(workspace.root / "late")
+    comes = threading.Timer(0.05, late.rename, [home])
+    comes.start()
+    workspace.wait_for(home, "mark")
+    comes.join()
+    assert [p.name for p in home.parent.iterdir()] == ["a"]
+
+
+def test_what_another_machine_made_and_nobody_sees_is_an_error(workspace, monkeypatch):
+    monkeypatch.setattr(module, "LATE_S", 0.0)
+    home = put(workspace, "abc", "samples", "a", mark="older")
+    with pytest.raises(ArtefactError, match="samples/a: another machine made this, and it is not seen here"):
+        workspace.wait_for(home, "mark")
 
 
 def test_files_of_others_in_the_folder_stay_as_they_are(workspace):

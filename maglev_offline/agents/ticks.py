@@ -2,6 +2,8 @@
 
 import fcntl
 import os
+import secrets
+import shutil
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -58,9 +60,8 @@ def tick_files(tick: Ticker, shared: Path | None = None) -> Iterator[FileTicker]
 
     `shared`: a folder that the workers of a cluster see; None where they are on this machine.
     """
-    # Under this name, what a killed command leaves in a workspace is swept away by the next.
-    with tempfile.TemporaryDirectory(prefix=".ticks-", suffix=".draft", dir=shared, ignore_cleanup_errors=True) as home:
-        folder, stop = Path(home), threading.Event()
+    with _folder(shared) as folder:
+        stop = threading.Event()
         thread = threading.Thread(target=_watch, args=(folder, tick, stop), daemon=True)
         with (folder / OWNER).open("w") as owner:
             fcntl.flock(owner, fcntl.LOCK_EX)
@@ -70,6 +71,17 @@ def tick_files(tick: Ticker, shared: Path | None = None) -> Iterator[FileTicker]
             finally:
                 stop.set()
                 thread.join()
+
+
+@contextmanager
+def _folder(shared: Path | None) -> Iterator[Path]:
+    """A folder for the time being. What a killed command leaves in a workspace has a name that the next sweeps away."""
+    home = Path(tempfile.mkdtemp()) if shared is None else shared / f".ticks.{secrets.token_hex(4)}.draft"
+    home.mkdir(exist_ok=shared is None)
+    try:
+        yield home
+    finally:
+        shutil.rmtree(home, ignore_errors=True)  # a worker may be at its last step, and count it
 
 
 def _watch(folder: Path, tick: Ticker, stop: threading.Event) -> None:

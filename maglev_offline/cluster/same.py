@@ -45,7 +45,7 @@ def check(
     InputError: a worker does not see the workspace or the logs, or has another maglev-offline or Python.
     """
     word = uuid4().hex
-    path = root.absolute() / f".seen-{word[:8]}.draft"
+    path = root.absolute() / f".seen.{word[:8]}.draft"  # swept away by the next command if this one is killed
     path.write_text(word)
     try:
         look = Looker(path, _one_of_each_folder(logs))

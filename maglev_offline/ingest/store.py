@@ -246,13 +246,15 @@ def _work(
         (large if alone else small).append(task)
     with progress.task("ingest", len(tasks), "logs") as tick:
         done = spread(_ingest_one, ((task, workspace, request) for task in small), jobs)
-        for task, outcome in zip(small, done, strict=True):
-            if elsewhere and outcome.folder is not None:
-                workspace.wait_for(outcome.folder, task.mark)
-            tick(1)
-            yield outcome
-        if elsewhere:
-            workspace.tidy(KIND)
+        try:
+            for task, outcome in zip(small, done, strict=True):
+                if elsewhere and outcome.folder is not None:
+                    workspace.wait_for(outcome.folder, task.mark)
+                tick(1)
+                yield outcome
+        finally:  # also where the cluster gave a task up, whose workers were lost
+            if elsewhere:
+                workspace.tidy(KIND)
         for task in large:
             outcome = _ingest_one(task, workspace, request, jobs, progress)
             tick(1)

@@ -1,4 +1,5 @@
 import fcntl
+import re
 import subprocess
 import sys
 
@@ -22,6 +23,7 @@ def test_each_process_counts_into_a_file_of_its_own_in_a_folder_that_a_cluster_s
     with tick_files(heard.append, tmp_path) as tick:
         assert tick.folder.parent == tmp_path
         tick(3)
+        assert re.fullmatch(r"\.ticks\.[0-9a-f]{8}\.draft", tick.folder.name), "a name that is swept away"
         subprocess.run([sys.executable, "-c", code, tick.folder], check=True)
         assert len([path for path in tick.folder.iterdir() if path.name != OWNER]) == 2
     assert sorted(heard) == [3, 7]

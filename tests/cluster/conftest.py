@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -62,7 +63,6 @@ class Place:
     """A folder with a recipe and logs, and what the commands made of them in one process."""
 
     folder: Path
-    logs: int
 
     def begin(self, *argv, **more):
         command = [sys.executable, "-m", "maglev_offline", *map(str, argv)]
@@ -89,7 +89,11 @@ class Place:
 
     def first(self, pattern, seconds=60):
         """Wait for a path below the folder that fits the pattern."""
-        return until(lambda: next(iter(sorted(self.folder.glob(pattern))), None), seconds)
+        return self.until(lambda: next(iter(sorted(self.folder.glob(pattern))), None), seconds)
+
+    def until(self, found, seconds=60):
+        """Wait for something that is true, and give it."""
+        return until(found, seconds)
 
     def copy(self, workspace, *parts):
         """A workspace with some of the artefacts that were made in one process."""
@@ -98,16 +102,71 @@ class Place:
         return workspace
 
 
-@pytest.fixture(scope="session")
-def place(tmp_path_factory):
-    made = Place(tmp_path_factory.mktemp("clusters"), 3)
+def prepared(folder, *, logs, duration_s):
+    """Samples and transitions of simulated logs, made in one process."""
+    made = Place(folder)
     (made.folder / "recipe.toml").write_text(RECIPE)
-    made.run("surrogate", "logs", "--logs", made.logs, "--points", 1, "--duration-s", 20, "-q")
+    made.run("surrogate", "logs", "--logs", logs, "--points", 1, "--duration-s", duration_s, "-q")
     made.run("ingest", "logs", "--recipe", "recipe.toml", "--workspace", "alone", "--jobs", 1, "-q")
     made.run("curate", "--construction", "reconstructed", "--workspace", "alone", "--jobs", 1, "-q")
+    return made
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory):
+    made = prepared(tmp_path_factory.mktemp("clusters"), logs=3, duration_s=20)
     made.run("prefill", "--workspace", "alone", "-q")
     made.run("transfer", "--workspace", "alone", "--jobs", 1, "-q")
     return made
+
+
+@pytest.fixture(scope="session")
+def many_samples(tmp_path_factory):
+    """19,760 samples in three logs; up to 16,384 are recovered in the command."""
+    return prepared(tmp_path_factory.mktemp("many"), logs=3, duration_s=700)
+
+
+class Cluster(NamedTuple):
+    """A cluster of two workers with a thread each: the options that lead to it, and the programs that it is of."""
+
+    name: str
+    address: str
+    programs: list[subprocess.Popen]
+
+    @property
+    def options(self):
+        return ("--backend", self.name, "--scheduler", self.address)
+
+    def tasks(self):
+        """How often a task went from one state to another, which Dask alone counts."""
+        if self.name != "dask":
+            return None
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            return client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.transition_counter)
+
+    def end_scheduler(self):
+        """Kill the process that listens at the address: the scheduler of Dask, the control store of Ray."""
+        import psutil
+
+        first = psutil.Process(self.programs[0].pid)
+        for process in (first, *first.children(recursive=True)):
+            if self.name == "dask" or process.name().startswith("gcs_server"):
+                process.kill()
+
+    def at_work(self):
+        """Processes of its workers that do tasks, or with Dask may do some."""
+        import psutil
+
+        found = []
+        for program in self.programs:
+            for process in psutil.Process(program.pid).children(recursive=True):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    command = " ".join(process.cmdline())
+                    if "spawn_main" in command or command.startswith("ray::_done"):
+                        found.append(process.pid)
+        return found
 
 
 @contextlib.contextmanager
@@ -123,7 +182,7 @@ def running(*commands, folder):
                         program, cwd=folder, env=ENVIRONMENT, stdout=log, stderr=log, start_new_session=True
                     )
                 )
-        yield
+        yield processes
     finally:
         for process in processes:
             with contextlib.suppress(ProcessLookupError):
@@ -133,6 +192,7 @@ def running(*commands, folder):
                 process.wait(10)
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
 
 
 def until(found, seconds=60):
@@ -153,22 +213,40 @@ def listens(port):
     return False
 
 
-@pytest.fixture(scope="session", params=["dask", "ray"])
-def cluster(request, tmp_path_factory):
-    """Options that lead to a cluster of two workers with a thread each."""
-    pytest.importorskip("distributed" if request.param == "dask" else "ray")
-    folder, port = tmp_path_factory.mktemp(request.param), free_port()
-    if request.param == "dask":
+@contextlib.contextmanager
+def cluster_of(name, folder):
+    """A cluster with its logs in a folder, as long as the body lasts."""
+    port = free_port()
+    home = f"/tmp/r{port}"  # the sockets of Ray lie below, whose names may not be long
+    if name == "dask":
         address = f"tcp://127.0.0.1:{port}"
         scheduler = ("dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
         worker = ("dask", "worker", address, "--nthreads", "1", "--nworkers", "2", "--no-dashboard")
         programs = [scheduler, worker]
     else:
         address = f"127.0.0.1:{port}"
-        home = f"/tmp/r{port}"  # its sockets lie below, whose names may not be long
         options = f"--head --block --port {port} --node-ip-address 127.0.0.1 --num-cpus 2 --include-dashboard=false"
         more = f"--ray-client-server-port {free_port()} --min-worker-port 0 --max-worker-port 0 --temp-dir {home}"
         programs = [("ray", "start", *options.split(), *more.split())]
-    with running(*programs, folder=folder):
-        until(lambda: listens(port))
-        yield ("--backend", request.param, "--scheduler", address)
+    try:
+        with running(*programs, folder=folder) as processes:
+            until(lambda: listens(port))
+            yield Cluster(name, address, processes)
+    finally:
+        shutil.rmtree(home, ignore_errors=True)
+
+
+@pytest.fixture(scope="session", params=["dask", "ray"])
+def cluster(request, tmp_path_factory):
+    """A cluster that all tests of a session use, whatever they have done to its workers."""
+    pytest.importorskip("distributed" if request.param == "dask" else "ray")
+    with cluster_of(request.param, tmp_path_factory.mktemp(request.param)) as made:
+        yield made
+
+
+@pytest.fixture(params=["dask", "ray"])
+def short_lived(request, tmp_path):
+    """A cluster of one test, which may end its scheduler."""
+    pytest.importorskip("distributed" if request.param == "dask" else "ray")
+    with cluster_of(request.param, tmp_path) as made:
+        yield made

@@ -1,4 +1,5 @@
 import copy
+import re
 
 import pytest
 
@@ -28,6 +29,7 @@ def asked(tmp_path, heard):
 
     def run(change):
         def ask(look):
+            assert re.fullmatch(r"\.seen\.[0-9a-f]{8}\.draft", look.word_file.name), "a name that is swept away"
             good = look()
             other = copy.deepcopy(good)
             return {"one": good, "other": change(other) or other}
