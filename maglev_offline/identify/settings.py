@@ -38,8 +38,8 @@ class IdentifySettings(Settings):
     the unstable plant; four of them in a row are one window. `loss`: a robust one gives little weight to rows where
     the magnet is not free. `least_windows_per_parameter`: windows that each fitted parameter needs, laid end to end.
     `most_samples`: of more, so many are drawn by `seed`, a minute of a point at a time. `most_windows`: long
-    recordings are thinned to so many. `folds`: pieces that are held out in turn where there is one log; else whole logs are.
-    `warn_phase_rad`, `refuse_phase_rad`: by how much the unstable plant may turn from sample to sample.
+    recordings are thinned to so many. `folds`: pieces that are held out in turn where there is one log; else whole
+    logs are. `warn_phase_rad`, `refuse_phase_rad`: by how much the unstable plant may turn from sample to sample.
     `identified_within`, `weak_within`: half width of the interval over the parameter's scale.
     """
 
