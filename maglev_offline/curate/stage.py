@@ -157,7 +157,7 @@ def _rows_of_a_pair(folders: Sequence[Path], settings: CurateSettings, mdp: Mdp)
     if settings.construction not in SEVERAL_ROWS:
         return 1
     periods = [Manifest.read(folder).settings.get("ingest", {}).get("grid_ms", 0.0) for folder in folders]
-    return max(1, round(max(periods) / mdp.control_period_ms))
+    return max(1, round(float(max(periods)) / mdp.control_period_ms))
 
 
 def _of_the_whole(drawn: Drawn) -> str:
