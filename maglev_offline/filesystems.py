@@ -41,8 +41,8 @@ _WORDS = (
 def write_whole(path: Path, content: bytes) -> None:
     """Write a local file that appears under its name only when it is whole; raises OSError as writing does.
 
-    A link is followed, and what is there and no file (a pipe, `/dev/stdout`) is written into. The draft has one name for
-    all, so that the same command after one that was killed leaves none behind.
+    A link is followed, and what is there and no file (a pipe, `/dev/stdout`) is written into. The draft has one name,
+    so that the same command after one that was killed leaves none behind.
     """
     if path.exists() and not path.is_file():
         path.write_bytes(content)
