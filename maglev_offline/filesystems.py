@@ -4,7 +4,6 @@ pyarrow.fs is imported only where an address is used. Failures of stores are tol
 """
 
 import re
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -42,13 +41,14 @@ _WORDS = (
 def write_whole(path: Path, content: bytes) -> None:
     """Write a local file that appears under its name only when it is whole; raises OSError as writing does.
 
-    A link is followed, and what is there and no file (a pipe, `/dev/stdout`) is written into.
+    A link is followed, and what is there and no file (a pipe, `/dev/stdout`) is written into. The draft has one name,
+    so that the same command after one that was killed leaves none behind.
     """
     if path.exists() and not path.is_file():
         path.write_bytes(content)
         return
     place = path.resolve()
-    draft = place.with_name(f".{place.name}.{secrets.token_hex(4)}.draft")
+    draft = place.with_name(f".{place.name}.draft")
     try:
         draft.write_bytes(content)
         if place.exists():

@@ -23,6 +23,10 @@ START_GAPS_M = tuple(round(0.004 + k * 0.011 / 9, 6) for k in range(10))
 """The starts on which controllers and agents are compared, unless a recipe names others: ten from 4 to 15 mm."""
 
 
+MOST_STEPS = 1e9
+"""An episode of more decisions, or a decision of more plant steps, is a slip of the pen."""
+
+
 class Mdp(Settings):
     """Everything that turns the plant into a decision process.
 
@@ -51,16 +55,16 @@ class Mdp(Settings):
     @model_validator(mode="after")
     def _times_fit(self) -> "Mdp":
         ratio = self.control_period_ms / self.plant_step_ms
-        if abs(ratio - round(ratio)) > 1e-9 or ratio < 1:
+        if not 1 <= ratio < MOST_STEPS or abs(ratio - round(ratio)) > 1e-9:
             raise ValueError(
                 f"control_period_ms = {self.control_period_ms:g} must be a whole multiple of "
                 f"plant_step_ms = {self.plant_step_ms:g}"
             )
         decisions = self.episode_duration_s * 1e3 / self.control_period_ms
-        if abs(decisions - round(decisions)) > 1e-6 or decisions < 1:
+        if not 1 <= decisions < MOST_STEPS or abs(decisions - round(decisions)) > 1e-6:
             raise ValueError(
                 f"episode_duration_s = {self.episode_duration_s:g} must hold a whole number of control periods "
-                f"of {self.control_period_ms:g} ms"
+                f"of {self.control_period_ms:g} ms, at most {MOST_STEPS:g}"
             )
         if self.start_gap_m[0] > self.start_gap_m[1]:
             raise ValueError("start_gap_m must be [smallest, largest]")

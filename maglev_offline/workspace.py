@@ -248,7 +248,7 @@ class Workspace:
 
 
 _LEFT = re.compile(r"\.(.+)\.[0-9a-f]{8}\.(draft|old)")
-"""Names that only this package gives, in `hashes` and `filesystems.write_whole` too: a user's files may lie beside."""
+"""Names that only this module and `hashes` give: a user's files may lie beside."""
 
 _DEPTH = 5
 """Artefacts lie no deeper than `periods/5ms/training/ARM/BLOCK`."""

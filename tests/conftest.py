@@ -1,12 +1,17 @@
 """What many tests use: two plants, real recordings, small MCAP files; and which tests share a process."""
 
+import glob
 import importlib.util
 import os
+import shlex
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+from markupsafe import Markup
 
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.recipe import load_recipe
@@ -69,3 +74,29 @@ def load_module(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str], None]]:
+    """A reader in an empty folder, who types what a document says: each line has to end with exit code 0.
+
+    All in this process, since to start one takes longer than most commands, and without figures, which are tested where
+    they are drawn.
+    """
+    from maglev_offline import cli
+    from maglev_offline.report import stage
+
+    def typed(script: str) -> None:
+        for line in script.splitlines():
+            name, *words = shlex.split(line)
+            assert name == "maglev-offline", line
+            sys.argv = [name, *(path for word in words for path in sorted(glob.glob(word)) or [word])]  # noqa: PTH207
+            assert cli.run() == 0, line
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("reader"))
+        patch.setattr(sys, "argv", [])
+        patch.setattr(os, "sched_getaffinity", lambda _: {0})  # no worker processes, which would outlive the test
+        patch.delenv("MAGLEV_OFFLINE_WORKSPACE", raising=False)
+        patch.setattr(stage, "drawn", lambda plot: Markup('<svg viewBox="0 0 1 1"></svg>'))
+        yield typed

@@ -1,10 +1,20 @@
+import os
 import sys
 from pathlib import Path
 
 import pytest
 
 from maglev_offline.errors import InputError
-from maglev_offline.filesystems import below, in_words, is_address, local_path, name_of, open_address, shown
+from maglev_offline.filesystems import (
+    below,
+    in_words,
+    is_address,
+    local_path,
+    name_of,
+    open_address,
+    shown,
+    write_whole,
+)
 
 
 @pytest.mark.parametrize("text", ["s3://b/k", "file:///a", "gs://b", "abfs://c@a/x", "memory://x"])
@@ -93,9 +103,34 @@ def test_a_local_path_needs_no_file_system(tmp_path):
     import subprocess
 
     code = f"""
+import os
 import sys
 from maglev_offline.ingest.inputs import find_logs
 find_logs([{str(tmp_path / "a.mcap")!r}, {"file://" + str(tmp_path / "b.mcap")!r}])
 print([name for name in sys.modules if name.split(".")[0] in ("pyarrow", "fsspec", "numpy", "pandas")])
 """
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+def test_a_file_written_whole_follows_a_link_keeps_its_mode_and_leaves_no_draft(tmp_path):
+    there, link = tmp_path / "there", tmp_path / "link"
+    there.write_text("old")
+    there.chmod(0o640)
+    link.symlink_to(there)
+    write_whole(link, b"new")
+    assert link.is_symlink()
+    assert there.read_text() == "new"
+    assert there.stat().st_mode & 0o777 == 0o640
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "there"]
+
+
+def test_what_is_no_file_is_written_into(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_whole(pipe, b"page")
+        assert os.read(reading, 9) == b"page"
+    finally:
+        os.close(reading)
+    assert not pipe.is_file()

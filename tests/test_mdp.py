@@ -54,3 +54,9 @@ def test_action_and_voltage_are_inverse() -> None:
 def test_observation_and_contact() -> None:
     np.testing.assert_allclose(process.observation(Mdp(), np.array([0.0025, 0.075, 3.75])), 1.0)
     np.testing.assert_array_equal(process.contact(Plant(), np.array([0.0005, 0.008, 0.016])), [True, False, True])
+
+
+@pytest.mark.parametrize("times", [{"episode_duration_s": 1e308}, {"plant_step_ms": 1e-300}])
+def test_times_that_no_number_of_steps_fits_are_refused(times):
+    with pytest.raises(ValidationError, match="must"):
+        Mdp(**times)

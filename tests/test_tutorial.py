@@ -4,17 +4,10 @@ import contextlib
 import io
 import itertools
 import math
-import os
 import re
-import shlex
-import sys
 from pathlib import Path
 
 import pytest
-from markupsafe import Markup
-
-from maglev_offline import cli
-from maglev_offline.report import stage
 
 PAGE = Path(__file__).parents[1] / "docs" / "tutorial.md"
 NUMBER = r"[-+]?\d(?:[\d,]*\d)?(?:\.\d+)?(?:e[-+]?\d+)?"
@@ -40,38 +33,23 @@ def alike(shown: str, line: str) -> bool:
     )
 
 
-def commands(script: str) -> None:
-    for line in script.splitlines():
-        name, *words = shlex.split(line)
-        assert name == "maglev-offline", line
-        sys.argv = [name, *words]
-        assert cli.run() == 0, line
-
-
 def write(table: str) -> None:
     Path(table.splitlines()[0].removeprefix("# ")).write_text(table)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def told(reader):
     """What every block that runs has printed, beside the output that the page shows for it (or none)."""
     blocks = re.findall(r"^```(\w+)\n(.*?)^```", PAGE.read_text(encoding="utf-8"), flags=re.S | re.M)
     names: dict[str, object] = {}
-    run = {"bash": commands, "toml": write, "python": lambda code: exec(compile(code, PAGE.name, "exec"), names)}
+    run = {"bash": reader, "toml": write, "python": lambda code: exec(compile(code, PAGE.name, "exec"), names)}
     found = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(tmp_path_factory.mktemp("tutorial"))
-        patch.setattr(sys, "argv", [])
-        patch.setattr(os, "sched_getaffinity", lambda _: {0})  # no worker processes, which would outlive the test
-        patch.delenv("MAGLEV_OFFLINE_WORKSPACE", raising=False)
-        # Figures are tested where they are drawn, and to draw them takes longer than all the rest.
-        patch.setattr(stage, "drawn", lambda plot: Markup('<svg viewBox="0 0 1 1"></svg>'))
-        for (language, text), (after, shown) in itertools.pairwise([*blocks, ("", "")]):
-            if language == "text":
-                continue
-            with contextlib.redirect_stdout(io.StringIO()) as out:
-                run[language](text)
-            found.append((text, out.getvalue(), shown if after == "text" else ""))
+    for (language, text), (after, shown) in itertools.pairwise([*blocks, ("", "")]):
+        if language == "text":
+            continue
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            run[language](text)
+        found.append((text, out.getvalue(), shown if after == "text" else ""))
     return found
 
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from maglev_offline.curate.cells import CELLS, cells_along, ends, inner_edges, state_cells
 from maglev_offline.curate.diagnostic_cells import TOO_FEW
@@ -136,26 +137,36 @@ def _parts(windows: Windows, plant: Plant) -> list[_Part]:
 
 def _judged(part: _Part, parts: int, terms: Array, rng: np.random.Generator) -> dict[str, NDArray[Any]]:
     """The statistics of each part of one kind, with intervals and verdicts; `terms` [n, 10] are summed by part."""
-    units = int(part.unit.max()) + 1
-    slot = part.unit * parts + part.of
-    sums = np.stack([np.bincount(slot, weights=term, minlength=units * parts) for term in terms.T], axis=1)
-    sums = sums.reshape(units, parts, -1)
+    by_part = [np.bincount(part.of, weights=term, minlength=parts) for term in terms.T]
+    total = np.stack(by_part, axis=1).astype(np.float64)
     rows, of_units = rows_and_units(part.of, part.unit, parts)
     found: dict[str, NDArray[Any]] = {"rows": rows, "units": of_units}
-    by_signal = dict(zip(("mean", "rms", "change"), _moments(sums.sum(axis=0)), strict=True))
+    by_signal = dict(zip(("mean", "rms", "change"), _moments(total), strict=True))
     for number, name in enumerate(SIGNALS):
         found |= {f"{name}_{what}": values[:, number] for what, values in by_signal.items()}
     enough = (rows >= LEAST_ROWS) & (of_units >= LEAST_UNITS)
-    counts = resamples(rng, units).astype(np.float64) if enough.any() else np.zeros((0, units))
-    drawn = np.asarray(np.tensordot(counts, sums[:, enough], axes=1), dtype=np.float64)
+    drawn = _resampled(part, enough, terms, rng)
     for name, share in (("unexplained_share", _not_explained), ("offset_share", _offset)):
         span_ends = np.full((2, parts), np.nan)
         spans = [interval_of_part(values) for values in share(drawn).T]
         span_ends[:, enough] = np.array([(np.nan, np.nan) if span is None else span for span in spans]).reshape(-1, 2).T
-        found[name], found[f"{name}_low"], found[f"{name}_high"] = share(sums.sum(axis=0)), *span_ends
+        found[name], found[f"{name}_low"], found[f"{name}_high"] = share(total), *span_ends
     found["verdict"] = _verdicts(found["unexplained_share_low"], found["unexplained_share_high"], enough)
     found["offset"] = (found["verdict"] == "unexplained") & (found["offset_share_low"] > LEAST_OFFSET)
     return found
+
+
+def _resampled(part: _Part, enough: NDArray[np.bool_], terms: Array, rng: np.random.Generator) -> Array:
+    """Sums [resamples, parts, 10] of those parts that have enough rows.
+
+    Of thousands of parts and of units, all but a few pairs have nothing in common, so what they hold is kept sparse.
+    """
+    units, mine = int(part.unit.max()) + 1, enough[part.of]
+    counts = resamples(rng, units).astype(np.float64) if enough.any() else np.zeros((0, units))
+    place = (np.cumsum(enough) - 1).astype(np.int64)
+    at = (part.unit[mine], place[part.of[mine]])
+    shape = (units, int(np.count_nonzero(enough)))
+    return np.stack([np.asarray(counts @ csr_array((term[mine], at), shape=shape)) for term in terms.T], axis=-1)
 
 
 def _verdicts(low: Array, high: Array, enough: NDArray[np.bool_]) -> NDArray[Any]:

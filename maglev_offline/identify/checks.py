@@ -92,7 +92,7 @@ def voltage_check(problem: Problem, fitted: Values) -> dict[str, Any]:
     text = (
         f"At a gap of {gap * 1e3:.2f} mm and {current:.3g} A the voltage is {voltage:.3g} V; the declared "
         f"{declared:.3g} ohm explain {explained_v:.3g} V of it"
-        + (": the declared resistance holds." if holds else f", and {factor:.2g} times that is seen. ")
+        + (": the declared resistance holds." if holds else f", but {factor:.2g} times that is seen. ")
         + (
             ""
             if holds

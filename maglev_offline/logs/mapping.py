@@ -144,7 +144,8 @@ def to_si(name: str, signal: Signal, raw: NDArray[np.float64]) -> tuple[NDArray[
     divisor = round(1 / factor)
     # 9 mm / 1000 is the same float64 as 0.009 m in a recipe, and 9 mm * 0.001 is not; a stop is met or missed by that.
     exact = divisor > 1 and abs(divisor * factor - 1) < 1e-12
-    return (declared / divisor if exact else declared * factor if factor != 1 else declared), outside
+    with np.errstate(invalid="ignore"):  # a signalling NaN says no more than any other
+        return (declared / divisor if exact else declared * factor if factor != 1 else declared), outside
 
 
 def column_of(name: str) -> str:

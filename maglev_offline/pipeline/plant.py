@@ -85,6 +85,6 @@ def identify(recipe: Recipe, workspace: Workspace, progress: Progress) -> Done:
     folder, fresh = run_identify(workspace, folders, recipe.plant, recipe.identify, progress)
     sentence, rows, facts = summary(folder)
     use = (
-        f"to use it: write its values into [plant] of the recipe, or give --plant {folder / 'plant.toml'}; ingest first"
+        f"to use it: write its values into [plant] of the recipe, or ingest again with --plant {folder / 'plant.toml'}"
     )
     return Done("identify", folder, fresh, sentence, {"facts": facts}, "Parameters of the plant", COLUMNS, rows, [use])

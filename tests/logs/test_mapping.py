@@ -200,3 +200,11 @@ class TestUnits:
         used = a_map(context={"speed": {"field": "gap_mm", "unit": "km/h"}})
         with pytest.raises(LogError, match="context column 'speed' does not end in a unit"):
             resolve(used, [channel("/suspension/F1/state", *STATE)])
+
+
+def test_a_signalling_nan_of_a_sensor_is_a_nan_without_a_warning():
+    raw = np.array([0x7FF0000000000001, 0], dtype=np.uint64).view(np.float64)
+    values, outside = to_si("gap", Signal(field="gap", unit="mm", valid=(0.0, 20.0)), raw)
+    assert np.isnan(values[0])
+    assert values[1] == 0
+    assert not outside.any()
