@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from maglev_offline.ingest.store import LogOutcome
+from maglev_offline.ingest.log_outcome import LogOutcome
 
 LOG_COLUMNS = ("log", "status", "messages", "used", "quarantined", "samples", "segments")
 MOST_UNCHANGED_ROWS = 20

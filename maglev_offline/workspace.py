@@ -4,7 +4,6 @@ import fcntl
 import hashlib
 import json
 import os
-import re
 import secrets
 import shutil
 import time
@@ -18,6 +17,7 @@ from maglev_offline import __version__
 from maglev_offline.errors import ArtefactError, InputError, WorkspaceLocked
 from maglev_offline.hashes import KnownHashes, Stamp, stamp_of
 from maglev_offline.hashes import sha256_of as sha256_of
+from maglev_offline.leftovers import draft_and_retired, sweep
 from maglev_offline.manifest import SCHEMA
 from maglev_offline.manifest import Manifest as Manifest
 from maglev_offline.manifest import package_versions as package_versions
@@ -124,7 +124,7 @@ class Workspace:
 
     def tidy(self, kind: str) -> None:
         """Remove what workers left half-written that were lost while others did their work."""
-        _sweep(self.path(kind))
+        sweep(self.path(kind))
 
     def input_hash(self, folder: Path) -> str:
         """Hash that stands for a whole artefact, as `input_hash` of this module; untouched files are not read.
@@ -152,9 +152,7 @@ class Workspace:
         """
         self._refuse_orphan()
         folder.parent.mkdir(parents=True, exist_ok=True)
-        # Names of their own: a worker of a killed command, here or elsewhere, may be at work on the same artefact.
-        token = secrets.token_hex(4)
-        draft, retired = (folder.parent / f".{folder.name}.{token}.{end}" for end in ("draft", "old"))
+        draft, retired = draft_and_retired(folder)
         draft.mkdir()
         try:
             yield draft
@@ -225,7 +223,7 @@ class Workspace:
             file.flush()
             os.fsync(file.fileno())  # else workers on other machines do not see who holds it
             if killed:
-                _sweep(self.root)
+                sweep(self.root)
             try:
                 yield
             finally:
@@ -245,30 +243,6 @@ class Workspace:
         if holder != self._holder:
             now = holder.partition("\n")[0] or "nobody"
             raise WorkspaceLocked(f"the workspace has gone over to {now}.", where=str(self.root))
-
-
-_LEFT = re.compile(r"\.(.+)\.[0-9a-f]{8}\.(draft|old)")
-"""Names that only this module and `hashes` give: a user's files may lie beside."""
-
-_DEPTH = 5
-"""Artefacts lie no deeper than `periods/5ms/training/ARM/BLOCK`."""
-
-
-def _sweep(root: Path) -> None:
-    """Remove what a killed command left half-written; an artefact that it had put aside goes back to its place."""
-    for home, folders, files in os.walk(root):
-        for name in (*folders, *files):
-            if (found := _LEFT.fullmatch(name)) is None:
-                continue
-            path, place = Path(home, name), Path(home, found[1])
-            if found[2] == "old" and (path / "manifest.json").is_file() and not place.exists():
-                path.rename(place)
-            elif path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
-        deep = len(Path(home).relative_to(root).parts) >= _DEPTH or "manifest.json" in files
-        folders[:] = [] if deep else [name for name in folders if not name.startswith(".")]
 
 
 def _has_mark(folder: Path, mark: str) -> bool:

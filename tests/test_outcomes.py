@@ -1,4 +1,4 @@
-from maglev_offline.ingest.store import LogOutcome
+from maglev_offline.ingest.log_outcome import LogOutcome
 from maglev_offline.outcomes import LOG_COLUMNS, Done, Ingested
 
 

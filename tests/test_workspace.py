@@ -423,7 +423,7 @@ def test_the_next_command_holds_the_workspace_before_it_sweeps(workspace, monkey
     """Else a worker of the killed one could go on between the two; and a kill while sweeping still leaves a name."""
     killed_in(workspace)
     seen = []
-    monkeypatch.setattr(module, "_sweep", lambda root: seen.append((root / ".lock").read_text()))
+    monkeypatch.setattr(module, "sweep", lambda root: seen.append((root / ".lock").read_text()))
     with workspace.lock("curate"):
         assert seen[0].startswith("`maglev-offline curate`")
 
