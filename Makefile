@@ -66,9 +66,8 @@ faults: setup  ## commands killed, disks filled, files damaged and taken away; F
 fuzz: setup  ## FUZZ changed files of every kind that a user may be handed, from number FUZZ_FROM on
 	FUZZ=$(FUZZ) $(BIN)/python -m pytest -n 0 -s -m fuzz tests/fuzz
 
-nightly: setup exports clusters  ## benchmarks in small, exports, clusters and stores for real, and a wheel looked at from outside
+nightly: setup exports clusters  ## benchmarks in small, exports, clusters and stores for real
 	$(BIN)/python -m pytest -n auto -m nightly
-	.ci/wheel
 
 $(FOREIGN)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(FOREIGN)

@@ -32,18 +32,18 @@ _CURVES = (
     *(*_RUN, "env_step", "cost", "gap_rmse_m", "worst_error_m", "steady_state_bias_m", "settling_time_s"),
     *("overshoot", "contact_fraction", "saturation_fraction"),
 )
-_ROW = ("log_id", "point", "t", "segment", "step", "gap_error_m", "gap_velocity_m_s", "current_error_a")
+_ROW = ("gap_error_m", "gap_velocity_m_s", "current_error_a", "voltage_deviation_v", "cost")
 _CELL = ("gap_cell", "velocity_cell", "gap_to_m", "velocity_to_m_s", "rows", "verdict")
 _CONTROL = ("controller", "plant_kind", "start_gap_m")
 COLUMNS: dict[tuple[str, str], tuple[str, ...]] = {
     ("samples", "quarantine"): ("log_id", "level", "point", "t", "code", "count"),
-    ("transitions", "candidates"): (*_ROW, "voltage_deviation_v", "cost"),
-    ("transitions", "transitions"): (*_ROW, "voltage_deviation_v", "cost"),
+    ("transitions", "candidates"): _ROW,
+    ("transitions", "transitions"): _ROW,
     ("transitions", "diagnostic_rows"): ("gap_cell", "velocity_cell", "advantage", "taught_advantage", "weight"),
     ("transitions", "diagnostic_cells"): (*_CELL, "error_over_advantage_std"),
     ("transitions", "residuals"): (*_CELL, "steps", "kind", "log_id", "point", "unexplained_share"),
     ("control", "metrics"): (*_CONTROL, "cost", "settling_time_s", "overshoot", "steady_state_bias_m"),
-    ("control", "responses"): (*_CONTROL, *_MOTION),
+    ("control", "responses"): (*_CONTROL, "t_s", "gap_m"),
     ("training", "curves"): _CURVES,
     ("training", "regulation"): (*_RUN, *_MOTION),
     ("transfer", "curves"): _CURVES,

@@ -144,6 +144,7 @@ def sixteen_lanes(tmp_path_factory):
     return library
 
 
+@pytest.mark.nightly
 @needs_kernel
 @pytest.mark.skipif(
     shutil.which("c++") is None or "avx2" not in [isa.name for isa in isas() if isa.runs_here],

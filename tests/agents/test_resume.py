@@ -76,6 +76,7 @@ def trained(root, world, **options):
     return {path.relative_to(root).as_posix(): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.parametrize("engine", [pytest.param("torch", marks=pytest.mark.nightly), "native"], indirect=True)
 def test_a_run_that_is_killed_twice_without_notice_ends_in_the_bytes_of_an_unbroken_one(tmp_path, long_world, heard):
     killed(tmp_path / "killed", WRITES + 1, long_world)
     killed(tmp_path / "killed", WRITES + 2, long_world)

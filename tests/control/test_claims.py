@@ -35,6 +35,7 @@ def documented() -> list[Claim]:
     return [Claim(*line.strip("| ").split(" | ")) for line in lines]  # type: ignore[arg-type]
 
 
+@pytest.mark.nightly
 def test_document_and_code_agree() -> None:
     """The whole table once more: the one test here that takes seconds."""
     found, text = claims(), FINDINGS.read_text(encoding="utf-8")

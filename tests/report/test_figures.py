@@ -6,7 +6,7 @@ import pytest
 
 from maglev_offline.report import figures_control, figures_data, figures_learning
 from maglev_offline.report.agent_metrics import agent_metrics
-from maglev_offline.report.evidence import gather, samples_of
+from maglev_offline.report.evidence import gather, quarantine_of, samples_of_a_point
 from maglev_offline.report.style import ARMS, CONTROLLERS
 from maglev_offline.report.svg import inline_svg
 from maglev_offline.workspace import Workspace
@@ -66,7 +66,8 @@ def test_coverage_counts_every_row(evidence):
 
 
 def test_trajectory_is_the_log(evidence):
-    samples, quarantine = samples_of(evidence.under("samples")[0])
+    log = evidence.under("samples")[0]
+    samples, quarantine = samples_of_a_point(log), quarantine_of(log)
     point = samples["point"].iloc[0]
     window = figures_data.trajectory_window(samples, quarantine, point, 20.0)
     assert window.rows["point"].unique().tolist() == [point]
