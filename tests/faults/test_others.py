@@ -19,7 +19,7 @@ def test_a_log_that_goes_away_while_it_is_read_is_refused(harness, nursery, road
     folder = road.copy("ingest", tmp_path / "w")
     (one, *_) = sorted((folder / "logs").glob("*.mcap"))
     content = one.read_bytes()
-    for at in range(4, 20):  # until it is there when it is hashed, and gone when it was read
+    for at in range(8, 20):  # until it is there when it is hashed, and gone when it was read
         shutil.rmtree(folder / "workspace", ignore_errors=True)
         one.write_bytes(content)
         ended = nursery.run(folder, *harness.STAGES["ingest"], kind="gone", at=at, of=one)
