@@ -78,8 +78,9 @@ class SignalMap(Settings):
         for pattern in {self.topic} | {s.topic for s in self.signals().values() if s.topic is not None}:
             try:
                 groups = re.compile(pattern).groupindex
-            except re.error as error:
-                raise ValueError(f"topic pattern {pattern!r} is no regular expression: {error}") from None
+            except (re.error, RecursionError) as error:
+                shown = pattern if len(pattern) <= 80 else f"{pattern[:80]}..."
+                raise ValueError(f"topic pattern {shown!r} is no regular expression: {error}") from None
             if set(groups) - {"point"}:
                 raise ValueError(f"topic pattern {pattern!r} may have one named group only, `point`")
         if (self.clock == "header") != (self.clock_field is not None):

@@ -51,7 +51,7 @@ class Plant(Settings):
         if turns is None or not isinstance(turns, int | float) or not isinstance(area, int | float):
             return data
         try:
-            slope = MU_0 * turns**2 * area / 2
+            slope = MU_0 * float(turns) ** 2 * area / 2  # a whole number is kept as a float, too
         except OverflowError:
             raise ValueError("coil_turns and pole_area_m2 give no finite inductance") from None
         given = data.get("inductance_slope_h_m")
