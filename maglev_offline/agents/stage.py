@@ -83,8 +83,8 @@ def train_arms(
 
     A block that is in the workspace with the same inputs and recipe is taken as it is, so that more seeds only add
     blocks; one that was stopped goes on at its last checkpoint. Any number of `jobs` gives the same bytes, here and
-    on a cluster, where a block takes one core. With
-    `tensorboard` the evaluations also go to event files below `tensorboard/` in the workspace.
+    on a cluster, where a block takes one core. With `tensorboard` the evaluations also go to event files below
+    `tensorboard/` in the workspace.
 
     Raises
     ------
@@ -93,10 +93,12 @@ def train_arms(
     engine = choose_engine(world.training.engine)
     tasks = [task for arm in arms for task in _tasks(workspace, arm, world, engine)]
     folders = {arm: [task.folder for task in tasks if task.arm == arm] for arm in arms}
-    missing = [task for task in tasks if not workspace.is_current(task.folder, task.mark)]
+    missing = []
     for task in tasks:
-        if task not in missing:
+        if workspace.is_current(task.folder, task.mark):
             _forget_checkpoint(task)
+        else:
+            missing.append(task)
     if not missing:
         return folders, 0
     workers, elsewhere = min(jobs, len(missing)), on_cluster()

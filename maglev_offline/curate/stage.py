@@ -12,7 +12,7 @@ from maglev_offline.control.pid import CascadeGains, PidGains
 from maglev_offline.curate.recovery.belief import Belief
 from maglev_offline.curate.settings import SEVERAL_ROWS, CurateSettings
 from maglev_offline.errors import ArtefactError
-from maglev_offline.ingest.drawing import Drawn, drawn_samples
+from maglev_offline.ingest.drawing import PIECE, Drawn, drawn_samples
 from maglev_offline.mdp import Mdp
 from maglev_offline.physics.parameters import Plant
 from maglev_offline.progress import SILENT, Progress
@@ -67,7 +67,8 @@ def curate(
     from maglev_offline.curate.constructions.rows import NAMES
     from maglev_offline.curate.usable import usable_rows
 
-    drawn = drawn_samples(folders, settings.most_samples // _rows_of_a_pair(folders, settings, mdp), settings.seed)
+    most = max(PIECE, settings.most_samples // _rows_of_a_pair(folders, settings, mdp))
+    drawn = drawn_samples(folders, most, settings.seed)
     belief = Belief(settings.recovery, pid, cascade)
     found = usable_rows(drawn.samples, str(workspace.path("samples")), settings, plant, mdp, belief, jobs)
     made = _balanced(found.candidates, drawn.samples["log_id"].unique(), settings, plant, mdp)

@@ -154,3 +154,10 @@ def test_a_number_that_was_changed_is_damage(saved, name, value):
     path.write_bytes(save(STATE, about))
     with pytest.raises(Unusable, match="it is damaged"):
         again(saved).load(1)
+
+
+def test_a_checkpoint_is_ours_by_its_mark_alone(saved, tmp_path):
+    """So that a finished block does not take along what a longer training of it has left."""
+    assert Checkpoint(saved.folder, "mark", 2).is_ours()
+    assert not Checkpoint(saved.folder, "of more steps", 2).is_ours()
+    assert not Checkpoint(tmp_path / "none", "mark", 2).is_ours()

@@ -96,6 +96,9 @@ def test_a_construction_of_several_rows_draws_as_many_times_fewer_samples(worksp
         drawn[name] = counts["samples"] - counts["samples_not_drawn"]
     assert drawn["raw"] > 6100 - 600
     assert drawn["interpolated"] <= 610
+    least = SMALL.model_copy(update={"most_samples": 1000, "construction": "interpolated"})
+    folder, _ = curate(workspace, least, PLANT, MDP)
+    assert Manifest.read(folder).counts["pairs"] > 0, "a piece at least"
 
 
 def test_the_artefact_holds_the_choice_and_all_candidates(workspace):

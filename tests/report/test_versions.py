@@ -8,7 +8,7 @@ import pytest
 from maglev_offline.errors import ArtefactError
 from maglev_offline.report.evidence import gather
 from maglev_offline.report.stage import head_section
-from maglev_offline.report.versions import COLUMNS, as_told
+from maglev_offline.report.versions import COLUMNS, STAGE_OF, as_told
 from maglev_offline.workspace import Manifest, Workspace
 
 
@@ -53,3 +53,14 @@ def test_a_table_without_a_column_is_told_of_before_anything_is_drawn(tmp_path):
         as_told(manifest, "transitions", tmp_path)
     rows.assign(weight=1.0).to_parquet(tmp_path / "diagnostic_rows.parquet")
     assert as_told(manifest, "transitions", tmp_path).facts == {}
+
+
+def test_what_is_to_be_run_again_is_a_command_for_every_kind_of_artefact():
+    from typer.main import get_command
+
+    from maglev_offline.cli import app
+
+    commands = set(get_command(app).commands)
+    kinds = {"samples", "shared_content", "transitions", "prefill", "exports", "identify", "control", "control_page",
+             "training", "transfer", "card", "report"}  # fmt: skip
+    assert {STAGE_OF.get(kind, kind) for kind in kinds | set(STAGE_OF)} <= commands
