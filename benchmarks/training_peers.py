@@ -103,6 +103,9 @@ def made_up_rows(rows: int) -> dict[str, Any]:
         "cost": rng.uniform(0, 0.1, rows).astype(np.float32),
         "next_observation": rng.normal(size=(rows, 3)).astype(np.float32),
         "discount": np.full(rows, DISCOUNT, np.float32),
+        "terminated": np.zeros(rows, np.bool_),
+        "truncated": np.zeros(rows, np.bool_),
+        "transition_row": np.arange(rows, dtype=np.int64),
     }
 
 
