@@ -36,15 +36,46 @@ MAGLEV_INLINE void in_panels(int width, const Work& work) {
 
 enum class After { nothing, relu, normalised_relu, masked };
 
+// Which inputs are looked at: all, or those that are not 0 in one row of the tile at least. About half of what a relu
+// lets through is 0, and to leave out products with 0 changes no sum.
+enum class Reads { all, active };
+
+// Of more than two rows there is seldom an input that none has.
+template <Reads reads, int N> constexpr bool skips = reads == Reads::active && tile_rows<N> == 2;
+
+typedef std::uint64_t Bits;
+constexpr int bits = 64;
+
+// Of R rows: bit k is set where one of them has an input k that is not 0, for the first 64 of the inputs.
+template <int R>
+MAGLEV_INLINE Bits active_inputs(const float* in, int stride, int inputs) {
+    Bits zero = 0;
+#pragma GCC unroll 16
+    for (int at = 0; at < bits; at += lanes) {
+        if (at >= inputs) break;
+        I any = {};
+        MAGLEV_UNROLL
+        for (int r = 0; r < R; ++r) any |= (I)load(in + r * stride + at);
+        zero |= static_cast<Bits>(zeros(any)) << at;
+    }
+    return inputs < bits ? ~zero & ((Bits{1} << inputs) - 1) : ~zero;
+}
+
+// The active inputs of pairs of rows, and of a last row that is left.
+MAGLEV_CALL void find_active(int rows, const float* in, int stride, int inputs, Bits* active) {
+    for (; rows > 1; rows -= 2, in += 2 * stride) *active++ = active_inputs<2>(in, stride, inputs);
+    if (rows) *active = active_inputs<1>(in, stride, inputs);
+}
+
 // A frozen batch norm, for `normalised_relu`.
 struct Frozen {
     const float *mean, *scale, *shift;
     Frozen from(int at) const { return mean ? Frozen{mean + at, scale + at, shift + at} : *this; }
 };
 
-template <After after, int R, int N>
+template <bool skipping, After after, int R, int N>
 MAGLEV_INLINE void dense_tile(
-    const float* in, int in_stride, int inputs, const float* w, int w_stride, const float* bias, float* out,
+    const float* in, int in_stride, int inputs, Bits active, const float* w, int w_stride, const float* bias, float* out,
     int out_stride, const Frozen& norm) {
     V sum[R][N];
     MAGLEV_UNROLL
@@ -53,18 +84,29 @@ MAGLEV_INLINE void dense_tile(
         MAGLEV_UNROLL
         for (int r = 0; r < R; ++r) sum[r][n] = start;
     }
-#pragma GCC unroll 4
-    for (int k = 0; k < inputs; ++k) {
+    const float* row[R];
+    MAGLEV_UNROLL
+    for (int r = 0; r < R; ++r) row[r] = in + r * in_stride;
+    const std::ptrdiff_t stride = w_stride;
+    const auto add_input = [&](std::ptrdiff_t k) __attribute__((always_inline)) {
+        const float* const from = w + k * stride;
         V weight[N];
         MAGLEV_UNROLL
-        for (int n = 0; n < N; ++n) weight[n] = load(w + k * w_stride + n * lanes);
+        for (int n = 0; n < N; ++n) weight[n] = load(from + n * lanes);
         MAGLEV_UNROLL
         for (int r = 0; r < R; ++r) {
-            const V x = splat(in[r * in_stride + k]);
+            const V x = splat(row[r][k]);
             MAGLEV_UNROLL
             for (int n = 0; n < N; ++n) sum[r][n] += x * weight[n];
         }
+    };
+    std::ptrdiff_t k = 0;
+    if constexpr (skipping) {
+        for (; active; active &= active - 1) add_input(__builtin_ctzll(active));
+        k = bits;
     }
+#pragma GCC unroll 4
+    for (; k < inputs; ++k) add_input(k);
     MAGLEV_UNROLL
     for (int r = 0; r < R; ++r) {
         MAGLEV_UNROLL
@@ -81,33 +123,47 @@ MAGLEV_INLINE void dense_tile(
     }
 }
 
-template <After after, int N>
+// `active`: of each tile, where tiles skip.
+template <Reads reads, After after, int N>
 MAGLEV_CALL void dense_panel(
-    int rows, const float* in, int in_stride, int inputs, const float* w, int w_stride, const float* bias, float* out,
-    int out_stride, Frozen norm) {
+    int rows, const float* in, int in_stride, int inputs, const Bits* active, const float* w, int w_stride,
+    const float* bias, float* out, int out_stride, Frozen norm) {
     constexpr int R = tile_rows<N>;
+    constexpr bool skipping = skips<reads, N>;
+    const auto next = [&] { return skipping ? *active++ : 0; };
     for (; rows >= R; rows -= R, in += R * in_stride, out += R * out_stride)
-        dense_tile<after, R, N>(in, in_stride, inputs, w, w_stride, bias, out, out_stride, norm);
+        dense_tile<skipping, after, R, N>(in, in_stride, inputs, next(), w, w_stride, bias, out, out_stride, norm);
     for (; rows > 0; --rows, in += in_stride, out += out_stride)
-        dense_tile<after, 1, N>(in, in_stride, inputs, w, w_stride, bias, out, out_stride, norm);
+        dense_tile<skipping, after, 1, N>(in, in_stride, inputs, next(), w, w_stride, bias, out, out_stride, norm);
 }
 
 // out[row, :] = after(in[row, :inputs] w + bias) for `width` columns, a multiple of the lanes.
-template <After after>
+template <Reads reads, After after>
 static void dense(
     int rows, const float* in, int in_stride, int inputs, const float* w, int width, const float* bias, float* out,
     int out_stride, Frozen norm = {nullptr, nullptr, nullptr}) {
-    in_panels(width, [&](auto panel, int at) {
-        dense_panel<after, decltype(panel)::vectors>(
-            rows, in, in_stride, inputs, w + at, width, bias ? bias + at : nullptr, out + at, out_stride,
-            norm.from(at));
-    });
+    constexpr int most = 128;
+    for (int first = 0; first < rows; first += most) {
+        const int count = rows - first < most ? rows - first : most;
+        const float* const from = in + first * in_stride;
+        float* const to = out + first * out_stride;
+        Bits active[most];
+        if constexpr (reads == Reads::active) find_active(count, from, in_stride, inputs, active);
+        in_panels(width, [&](auto panel, int at) {
+            dense_panel<reads, after, decltype(panel)::vectors>(
+                count, from, in_stride, inputs, active, w + at, width, bias ? bias + at : nullptr, to + at, out_stride,
+                norm.from(at));
+        });
+    }
 }
 
-// out[row, :] = in[row, :inputs] w where out was active, and 0 elsewhere: slopes take the place of activations.
+// out[row, :] = in[row, :inputs] w where out was active, and 0 elsewhere: slopes take the place of activations. Slopes
+// that came through a norm are nowhere 0.
 static void dense_masked(
-    int rows, const float* in, int in_stride, int inputs, const float* w, int width, float* out, int out_stride) {
-    dense<After::masked>(rows, in, in_stride, inputs, w, width, nullptr, out, out_stride);
+    bool normed, int rows, const float* in, int in_stride, int inputs, const float* w, int width, float* out,
+    int out_stride) {
+    const auto call = normed ? dense<Reads::all, After::masked> : dense<Reads::active, After::masked>;
+    call(rows, in, in_stride, inputs, w, width, nullptr, out, out_stride, {nullptr, nullptr, nullptr});
 }
 
 template <int K, int N>

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "networks.hpp"
+#include "replay.hpp"
 
 namespace maglev::MAGLEV_ISA {
 
@@ -93,7 +94,7 @@ MAGLEV_INLINE V expand(V z, float offset) {
 }
 
 // y = h(c + d h^-1(max_j Zj'(s', u')))
-static void set_targets(const Seed& seed, const float* noise) {
+static void set_targets(const Seed& seed, Ahead& ahead, const float* noise) {
     const Settings& s = seed.s;
     const Layout& at = seed.at;
     const Scratch& c = at.scratch;
@@ -102,7 +103,9 @@ static void set_targets(const Seed& seed, const float* noise) {
     const Acting slow = acting(
         seed.w, at.actor, s.batch_norm_actor, seed[at.slow_actor_at], seed[c.scale_1], seed[c.scale_2]);
     in_groups(rows, [&](int row, int n) {
+        ahead.ask();
         act_forward(seed.w, at.actor, slow, n, seed[c.next] + 4 * row, seed.block(), action + row);
+        ahead.ask();
     });
     const float std = static_cast<float>(s.smoothing_std), most = static_cast<float>(s.smoothing_clip);
     for (int b = 0; b < padded_rows; b += lanes) {
@@ -119,6 +122,7 @@ static void set_targets(const Seed& seed, const float* noise) {
             critic_forward(
                 seed.w, at.critic, s.layer_norm_critic, seed[at.slow_critic_at[j]], n, seed[c.next] + 4 * row,
                 action + row, seed.block(), seed[c.value] + j * padded_rows + row);
+            ahead.ask();
         });
     const float offset = static_cast<float>(s.critic_root_offset);
     for (int b = 0; b < padded_rows; b += lanes) {
@@ -132,7 +136,7 @@ static void set_targets(const Seed& seed, const float* noise) {
 }
 
 // One Adam step of critic j down mean (Qj(s, u) - y)^2.
-static void improve_critic(const Seed& seed, std::int64_t j, const AdamStep& step, bool track) {
+static void improve_critic(const Seed& seed, Ahead& ahead, std::int64_t j, const AdamStep& step, bool track) {
     const Settings& s = seed.s;
     const Layout& at = seed.at;
     const Scratch& c = at.scratch;
@@ -149,13 +153,16 @@ static void improve_critic(const Seed& seed, std::int64_t j, const AdamStep& ste
         const float* const seen = seed[c.seen] + 4 * row;
         critic_forward(
             seed.w, at.critic, s.layer_norm_critic, p, n, seen, seed[c.action] + row, seed.block(), q + row);
+        ahead.ask();
         for (int b = row; b < row + n; ++b) slope[b] = (q[b] - target[b]) * twice;
         critic_backward(
             seed.w, at.critic, s.layer_norm_critic, p, w2t, gradient, n, seen, slope + row, seed.block());
+        ahead.ask();
     });
     adam(
         step, at.critic.trainable, gradient, seed[at.critic_m[j]], seed[at.critic_v[j]], p,
         track ? seed[at.slow_critic_at[j]] : nullptr, static_cast<float>(s.target_rate));
+    ahead.ask();
 }
 
 // The policy of a batch that trains it: activations are kept, a batch norm looks at this batch.
@@ -172,10 +179,10 @@ static void policy_forward(const Seed& seed, int row, int rows) {
         for (int r = 0; r < rows; ++r) to.h1[r * w.l1 + w.h1] = 1.0f;
         return;
     }
-    dense<After::nothing>(rows, seen, 4, 3, p + net.w1, w.s1, nullptr, to.n1, w.s1);
+    dense<Reads::all, After::nothing>(rows, seen, 4, 3, p + net.w1, w.s1, nullptr, to.n1, w.s1);
     batch_norm_forward(
         rows, to.n1, w.s1, p + net.gain_1, p + net.shift_1, to.h1, w.l1, to.r1, p + net.mean_1, p + net.var_1);
-    dense<After::nothing>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, nullptr, to.n2, w.s2);
+    dense<Reads::active, After::nothing>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, nullptr, to.n2, w.s2);
     batch_norm_forward(
         rows, to.n2, w.s2, p + net.gain_2, p + net.shift_2, to.h2, w.s2, to.r2, p + net.mean_2, p + net.var_2);
     dot_rows(rows, to.h2, w.s2, p + net.w3, w.s2, p[net.b3], out);
@@ -196,7 +203,7 @@ static void policy_backward(const Seed& seed, int row, int rows, const float* d)
         batch_norm_backward(
             rows, to.h2, w.s2, to.n2, w.s2, p + net.gain_2, to.r2, gradient + net.gain_2, gradient + net.shift_2);
     add_outer(rows, to.h1, w.l1, w.h1 + (norm ? 0 : 1), to.h2, w.s2, gradient + net.w2, w.s2);
-    dense_masked(rows, to.h2, w.s2, w.h2, seed[at.scratch.actor_w2t], w.s1, to.h1, w.l1);
+    dense_masked(norm, rows, to.h2, w.s2, w.h2, seed[at.scratch.actor_w2t], w.s1, to.h1, w.l1);
     if (norm)
         batch_norm_backward(
             rows, to.h1, w.l1, to.n1, w.s1, p + net.gain_1, to.r1, gradient + net.gain_1, gradient + net.shift_1);
@@ -238,7 +245,7 @@ static void loss_slopes(const Seed& seed, int row, int rows, float scale, float 
 }
 
 // One Adam step of the actor down its loss; its slow copy follows.
-static void improve_actor(const Seed& seed, const AdamStep& step) {
+static void improve_actor(const Seed& seed, Ahead& ahead, const AdamStep& step) {
     const Settings& s = seed.s;
     const Layout& at = seed.at;
     const Scratch& c = at.scratch;
@@ -253,9 +260,13 @@ static void improve_actor(const Seed& seed, const AdamStep& step) {
     transpose(seed.w.h1, seed.w.h2, p + at.actor.w2, seed.w.s2, seed[c.actor_w2t], seed.w.s1);
     const auto forward = [&](int row, int n) {
         policy_forward(seed, row, n);
+        ahead.ask();
         squash(seed[c.argument] + row, seed[c.policy] + row, n);
     };
-    const auto values = [&](int row, int n) { policy_values(seed, row, n); };
+    const auto values = [&](int row, int n) {
+        policy_values(seed, row, n);
+        ahead.ask();
+    };
     if (s.batch_norm_actor || s.cloning_weight > 0) {
         if (s.batch_norm_actor) forward(0, rows);
         else in_groups(rows, forward);
@@ -283,18 +294,18 @@ static void improve_actor(const Seed& seed, const AdamStep& step) {
 }
 
 // One gradient step on the batch in the scratch; `step` counts decisions from 0.
-static void learn(const Seed& seed, const float* noise, std::int64_t step) {
+static void learn(const Seed& seed, Ahead& ahead, const float* noise, std::int64_t step) {
     const Settings& s = seed.s;
     Head& head = seed.head();
     const double done =
         static_cast<double>(step - s.exploratory_steps) / static_cast<double>(s.steps - s.exploratory_steps);
     const double factor = 1 - (1 - s.final_learning_rate_fraction) * done;
     const bool actor_too = step % s.policy_delay == 0;
-    set_targets(seed, noise);
+    set_targets(seed, ahead, noise);
     const AdamStep critic_step(s.critic_learning_rate * factor, ++head.critic_updates);
-    for (std::int64_t j = 0; j < s.critics; ++j) improve_critic(seed, j, critic_step, actor_too);
-    if (!actor_too) return;
-    improve_actor(seed, AdamStep(s.actor_learning_rate * factor, ++head.actor_updates));
+    for (std::int64_t j = 0; j < s.critics; ++j) improve_critic(seed, ahead, j, critic_step, actor_too);
+    if (actor_too) improve_actor(seed, ahead, AdamStep(s.actor_learning_rate * factor, ++head.actor_updates));
+    ahead.ask_for_all();
 }
 
 }  // namespace maglev::MAGLEV_ISA

@@ -29,17 +29,17 @@ static void critic_forward(
     const Widths& w, const Net& net, bool norm, const float* p, int rows, const float* seen, const float* action,
     const Pass& to, float* q) {
     if (norm) {
-        dense<After::nothing>(rows, seen, 4, 3, p + net.w1, w.s1, p + net.b1, to.n1, w.s1);
+        dense<Reads::all, After::nothing>(rows, seen, 4, 3, p + net.w1, w.s1, p + net.b1, to.n1, w.s1);
         layer_norm_forward(rows, to.n1, w.s1, w.ones_1, w.share_1, p + net.gain_1, p + net.shift_1, to.h1, w.l1, to.r1);
     } else {
-        dense<After::relu>(rows, seen, 4, 3, p + net.w1, w.s1, p + net.b1, to.h1, w.l1);
+        dense<Reads::all, After::relu>(rows, seen, 4, 3, p + net.w1, w.s1, p + net.b1, to.h1, w.l1);
     }
     for (int r = 0; r < rows; ++r) to.h1[r * w.l1 + w.h1] = action[r], to.h1[r * w.l1 + w.h1 + 1] = 1.0f;
     if (norm) {
-        dense<After::nothing>(rows, to.h1, w.l1, w.h1 + 1, p + net.w2, w.s2, p + net.b2, to.n2, w.s2);
+        dense<Reads::active, After::nothing>(rows, to.h1, w.l1, w.h1 + 1, p + net.w2, w.s2, p + net.b2, to.n2, w.s2);
         layer_norm_forward(rows, to.n2, w.s2, w.ones_2, w.share_2, p + net.gain_2, p + net.shift_2, to.h2, w.s2, to.r2);
     } else {
-        dense<After::relu>(rows, to.h1, w.l1, w.h1 + 1, p + net.w2, w.s2, p + net.b2, to.h2, w.s2);
+        dense<Reads::active, After::relu>(rows, to.h1, w.l1, w.h1 + 1, p + net.w2, w.s2, p + net.b2, to.h2, w.s2);
     }
     dot_rows(rows, to.h2, w.s2, p + net.w3, w.s2, p[net.b3], q);
 }
@@ -85,7 +85,7 @@ static void critic_backward(
             rows, at.h2, w.s2, at.n2, w.s2, w.ones_2, w.share_2, p + net.gain_2, at.r2,
             gradient + net.gain_2, gradient + net.shift_2);
     add_outer(rows, at.h1, w.l1, w.h1 + 2, at.h2, w.s2, gradient + net.w2, w.s2);
-    dense_masked(rows, at.h2, w.s2, w.h2, w2t, w.s1, at.h1, w.l1);
+    dense_masked(norm, rows, at.h2, w.s2, w.h2, w2t, w.s1, at.h1, w.l1);
     if (norm)
         layer_norm_backward(
             rows, at.h1, w.l1, at.n1, w.s1, w.ones_1, w.share_1, p + net.gain_1, at.r1,
@@ -129,11 +129,11 @@ static void act_forward(
     if (policy.scale_1) {
         const Frozen one = {p + net.mean_1, policy.scale_1, p + net.shift_1};
         const Frozen two = {p + net.mean_2, policy.scale_2, p + net.shift_2};
-        dense<After::normalised_relu>(rows, seen, 4, 3, p + net.w1, w.s1, nullptr, to.h1, w.l1, one);
-        dense<After::normalised_relu>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, nullptr, to.h2, w.s2, two);
+        dense<Reads::all, After::normalised_relu>(rows, seen, 4, 3, p + net.w1, w.s1, nullptr, to.h1, w.l1, one);
+        dense<Reads::active, After::normalised_relu>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, nullptr, to.h2, w.s2, two);
     } else {
-        dense<After::relu>(rows, seen, 4, 3, p + net.w1, w.s1, p + net.b1, to.h1, w.l1);
-        dense<After::relu>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, p + net.b2, to.h2, w.s2);
+        dense<Reads::all, After::relu>(rows, seen, 4, 3, p + net.w1, w.s1, p + net.b1, to.h1, w.l1);
+        dense<Reads::active, After::relu>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, p + net.b2, to.h2, w.s2);
     }
     dot_rows(rows, to.h2, w.s2, p + net.w3, w.s2, p[net.b3], out);
 }

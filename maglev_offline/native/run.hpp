@@ -6,69 +6,11 @@
 
 namespace maglev::MAGLEV_ISA {
 
-// The replay of one seed: prefilled rows first, then a ring of its own.
-struct Replay {
-    const Row* prefilled;
-    Row* own;
-    std::int64_t first;  // places of the batch that are prefilled rows, with a mixing share
-    double share;        // probability of a prefilled row, with a decaying prefill
-    enum class How { plain, places, weighted } how;
-    std::int64_t of_prefill, of_own;
-
-    // The mixture of the batch at `step`, with `added` own rows: replay/sampling.py.
-    void mix(const Settings& s, std::int64_t step, std::int64_t added) {
-        of_prefill = s.prefilled;
-        of_own = added < s.room ? added : s.room;
-        how = How::plain;
-        if (!of_prefill || !of_own) return;
-        double weight = 1.0;
-        if (s.prefill_decay_steps) {
-            weight = 1.0 - static_cast<double>(step) / static_cast<double>(s.prefill_decay_steps);
-            weight = weight > 0.0 ? weight : 0.0;
-        }
-        if (s.mixing_share >= 0) {
-            how = How::places;
-            first = static_cast<std::int64_t>(::nearbyint(static_cast<double>(s.batch) * s.mixing_share * weight));
-        } else if (weight != 1.0) {
-            how = How::weighted;
-            const double weighed = weight * static_cast<double>(of_prefill);
-            share = weighed / (weighed + static_cast<double>(of_own));
-        }
-    }
-
-    std::int64_t slot(double u, std::int64_t place) const {
-        const double p = static_cast<double>(of_prefill), n = static_cast<double>(of_own);
-        if (how == How::plain) return static_cast<std::int64_t>(u * static_cast<double>(of_prefill + of_own));
-        if (how == How::places)
-            return place < first ? static_cast<std::int64_t>(u * p) : of_prefill + static_cast<std::int64_t>(u * n);
-        if (u < share) {
-            const double at = u / share * p;
-            return static_cast<std::int64_t>(at < p - 1 ? at : p - 1);
-        }
-        const double at = (u - share) / (1 - share) * n;
-        return of_prefill + static_cast<std::int64_t>(at < n - 1 ? at : n - 1);
-    }
-
-    const Row* row(std::int64_t slot) const { return slot < of_prefill ? prefilled + slot : own + (slot - of_prefill); }
-};
-
-// Ask the caches for the planned rows. (A function that does no more than this is dropped by g++ if it is not inlined.)
-MAGLEV_INLINE void fetch(const Seed& seed, const Replay& replay) {
-    const std::int64_t* const slots = seed.slots();
-    for (int b = 0; b < seed.rows(); ++b) {
-        const Row* const row = replay.row(slots[b]);
-        __builtin_prefetch(row);
-        __builtin_prefetch(reinterpret_cast<const char*>(row + 1) - 1);
-    }
-}
-
-// Choose the rows of the batch at `step`, when `added` own rows are there, and ask for them: a long replay lies outside
-// of the caches, and this is known a whole gradient step before the rows are needed.
+// Choose the rows of the batch at `step`, when `added` own rows are there.
 static void plan(const Seed& seed, Replay& replay, std::int64_t step, std::int64_t added, const double* uniform) {
     std::int64_t* const slots = seed.slots();
     replay.mix(seed.s, step, added);
     for (int b = 0; b < seed.rows(); ++b) slots[b] = replay.slot(uniform[b], b);
-    fetch(seed, replay);
 }
 
 // Copy the planned rows into the scratch; costs of up to n_step own rows are summed.
@@ -165,7 +107,8 @@ void advance(
             gather(seed, replay);
             planned = within + 1 < steps;
             if (planned) plan(seed, replay, head.step + 1, head.added + 1, draws.batch + (within + 1) * s.batch);
-            learn(seed, s.smoothing ? draws.smoothing + within * s.batch : nullptr, head.step);
+            Ahead ahead(replay, seed.slots(), planned ? seed.rows() : 0);
+            learn(seed, ahead, s.smoothing ? draws.smoothing + within * s.batch : nullptr, head.step);
         }
         head.step += 1;
     }

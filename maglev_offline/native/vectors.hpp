@@ -32,7 +32,13 @@ MAGLEV_INLINE void store_anywhere(float* p, V x) { *reinterpret_cast<U*>(p) = x;
 MAGLEV_INLINE V splat(float x) { return x - V{}; }  // x - 0 is x, -0 included, so this is a broadcast and no more
 
 // NaN goes through all of these: a run that diverged stays a run that diverged.
-MAGLEV_INLINE V relu(V x) { return V{} > x ? V{} : x; }
+MAGLEV_INLINE V relu(V x) {
+#if LANES == 8
+    return __builtin_ia32_maxps256(V{}, x);
+#else
+    return V{} > x ? V{} : x;
+#endif
+}
 MAGLEV_INLINE V clamp(V x, float low, float high) {
     const V lowest = splat(low), highest = splat(high);
     const V above = lowest > x ? lowest : x;
@@ -40,6 +46,19 @@ MAGLEV_INLINE V clamp(V x, float low, float high) {
 }
 MAGLEV_INLINE V larger(V a, V b) { return ((a > b) | (a != a)) ? a : b; }
 MAGLEV_INLINE V magnitude(V x) { return (V)((I)x & 0x7fffffff); }
+
+// Bit i is set where lane i is 0.
+MAGLEV_INLINE std::uint32_t zeros(I x) {
+#if LANES == 8
+    return static_cast<unsigned>(__builtin_ia32_movmskps256((V)(x == 0)));
+#elif LANES == 4 && defined(__SSE2__)
+    return static_cast<unsigned>(__builtin_ia32_movmskps((V)(x == 0)));
+#else
+    std::uint32_t bits = 0;
+    for (int i = 0; i < lanes; ++i) bits |= (x[i] == 0 ? 1u : 0u) << i;
+    return bits;
+#endif
+}
 
 MAGLEV_INLINE V square_root(V x) {
     V r;
