@@ -27,8 +27,9 @@ __all__ = ["NativeLearner", "availability"]
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
 
-STEPS_AT_ONCE = 100
-"""Steps of one call of the kernel: their random numbers are drawn before it and lie in the second cache."""
+STEPS_AT_ONCE = 500
+"""Steps of one call of the kernel, whose random numbers are drawn before it: a call costs as much as three steps, and
+the first batch after it has not been asked for ahead."""
 
 HUGE_PAGE_BYTES = 1 << 21
 """Batches are taken from all over a long replay: on whole huge pages the processor finds them faster."""

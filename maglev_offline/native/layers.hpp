@@ -3,6 +3,7 @@
 // Every output is a sum in the order of the inputs, whatever the tile it is computed in: a row's numbers do not depend
 // on the rows beside it, and AVX2 and AVX-512 agree in every bit.
 #pragma once
+#include "layout.hpp"
 #include "vectors.hpp"
 
 namespace maglev::MAGLEV_ISA {
@@ -36,17 +37,15 @@ MAGLEV_INLINE void in_panels(int width, const Work& work) {
 
 enum class After { nothing, relu, normalised_relu, masked };
 
-// Which inputs are looked at: all, or those that are not 0 in one row of the tile at least. About half of what a relu
-// lets through is 0, and to leave out products with 0 changes no sum.
+// Which inputs of a tile are read: all, or those that one of its rows has. What a relu does not let through is 0, half of
+// all or more, and a product with 0 changes no sum. Of more than two rows there is seldom an input that none has.
 enum class Reads { all, active };
-
-// Of more than two rows there is seldom an input that none has.
 template <Reads reads, int N> constexpr bool skips = reads == Reads::active && tile_rows<N> == 2;
 
+// Bit k: whether input k of some rows is anything but 0 in one of them. Inputs from 64 on are always read.
 typedef std::uint64_t Bits;
 constexpr int bits = 64;
 
-// Of R rows: bit k is set where one of them has an input k that is not 0, for the first 64 of the inputs.
 template <int R>
 MAGLEV_INLINE Bits active_inputs(const float* in, int stride, int inputs) {
     Bits zero = 0;
@@ -61,7 +60,7 @@ MAGLEV_INLINE Bits active_inputs(const float* in, int stride, int inputs) {
     return inputs < bits ? ~zero & ((Bits{1} << inputs) - 1) : ~zero;
 }
 
-// The active inputs of pairs of rows, and of a last row that is left.
+// The active inputs of each pair of rows, and of the last row where it has none to go with.
 MAGLEV_CALL void find_active(int rows, const float* in, int stride, int inputs, Bits* active) {
     for (; rows > 1; rows -= 2, in += 2 * stride) *active++ = active_inputs<2>(in, stride, inputs);
     if (rows) *active = active_inputs<1>(in, stride, inputs);
@@ -142,16 +141,16 @@ template <Reads reads, After after>
 static void dense(
     int rows, const float* in, int in_stride, int inputs, const float* w, int width, const float* bias, float* out,
     int out_stride, Frozen norm = {nullptr, nullptr, nullptr}) {
-    constexpr int most = 128;
-    for (int first = 0; first < rows; first += most) {
-        const int count = rows - first < most ? rows - first : most;
-        const float* const from = in + first * in_stride;
-        float* const to = out + first * out_stride;
-        Bits active[most];
-        if constexpr (reads == Reads::active) find_active(count, from, in_stride, inputs, active);
+    constexpr int most = static_cast<int>(rows_at_once);
+    for (; rows > 0; rows -= most, in += most * in_stride, out += most * out_stride) {
+        const int count = rows < most ? rows : most;
+        Bits active[(most + 1) / 2];
+        bool found = false;
         in_panels(width, [&](auto panel, int at) {
-            dense_panel<reads, after, decltype(panel)::vectors>(
-                count, from, in_stride, inputs, active, w + at, width, bias ? bias + at : nullptr, to + at, out_stride,
+            constexpr int N = decltype(panel)::vectors;
+            if (skips<reads, N> && !found) find_active(count, in, in_stride, inputs, active), found = true;
+            dense_panel<reads, after, N>(
+                count, in, in_stride, inputs, active, w + at, width, bias ? bias + at : nullptr, out + at, out_stride,
                 norm.from(at));
         });
     }

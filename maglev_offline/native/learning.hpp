@@ -112,7 +112,9 @@ static void set_targets(const Seed& seed, Ahead& ahead, const float* noise) {
         V u = hyperbolic_tangent(load(action + b));
         if (s.smoothing) {
             V draw = {};
-            for (int i = 0; i < lanes && b + i < rows; ++i) draw[i] = noise[b + i];
+            if (b + lanes <= rows) draw = load_anywhere(noise + b);
+            else
+                for (int i = 0; b + i < rows; ++i) draw[i] = noise[b + i];
             u = clamp(u + clamp(draw * std, -most, most), -1.0f, 1.0f);
         }
         store(action + b, u);
