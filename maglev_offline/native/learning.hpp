@@ -212,7 +212,7 @@ static void policy_backward(const Seed& seed, int row, int rows, const float* d)
     add_outer(rows, seen, 4, norm ? 3 : 4, to.h1, w.l1, gradient + net.w1, w.s1);
 }
 
-// Values of the policy's actions under the first critic, and their slopes dQ/da.
+// Slopes dQ/da at the policy's actions under the first critic, and the values, where the loss is scaled by them.
 static void policy_values(const Seed& seed, int row, int rows) {
     const Layout& at = seed.at;
     const Scratch& c = at.scratch;
@@ -220,7 +220,7 @@ static void policy_values(const Seed& seed, int row, int rows) {
     const float* const p = seed[at.critic_at[0]];
     critic_forward(
         seed.w, at.critic, norm, p, rows, seed[c.seen] + 4 * row, seed[c.policy] + row, seed.block(),
-        seed[c.value] + row);
+        seed.s.cloning_weight > 0 ? seed[c.value] + row : nullptr);
     action_slope(seed.w, at.critic, norm, p, rows, seed.block(), seed[c.critic_gradient], seed[c.slope] + row);
 }
 

@@ -24,7 +24,7 @@ struct Pass {
     float *h1, *h2, *n1, *n2, *r1, *r2;
 };
 
-// q[row] = Q(seen, action)
+// q[row] = Q(seen, action); without `q`, only the activations.
 static void critic_forward(
     const Widths& w, const Net& net, bool norm, const float* p, int rows, const float* seen, const float* action,
     const Pass& to, float* q) {
@@ -41,7 +41,7 @@ static void critic_forward(
     } else {
         dense<Reads::active, After::relu>(rows, to.h1, w.l1, w.h1 + 1, p + net.w2, w.s2, p + net.b2, to.h2, w.s2);
     }
-    dot_rows(rows, to.h2, w.s2, p + net.w3, w.s2, p[net.b3], q);
+    if (q) dot_rows(rows, to.h2, w.s2, p + net.w3, w.s2, p[net.b3], q);
 }
 
 template <int N>
