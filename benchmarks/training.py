@@ -220,29 +220,31 @@ def scale(runner: Runner, isa: str, steps: int, rounds: int) -> Row | str:
     return {"one_thread_s": one, "two_threads_s": two, "times": one / two}
 
 
-def extrapolate(runner: Runner, parts: tuple[int, int], rounds: int) -> Row | str:
-    """Return minutes for the published study from two parts of it, so that starting up is counted once.
+def extrapolate(runner: Runner, steps: int, rounds: int) -> Row | str:
+    """Return minutes for the published study from a part of it, runs of so many steps, made several times.
 
-    `parts`: steps of each run in the shorter and in the longer part. Wall time is that of two processes on two cores;
-    CPU time, halved, is what they would take if nobody else were there.
+    Wall time is that of two processes on two cores, median and least. Least CPU time, halved, is what they take where
+    nothing else is on the machine: another guest of the host, on the other half of a core, makes a CPU second worth
+    less and never more.
     """
-    spent: list[list[Row]] = [[], []]
+    runs = []
     for _ in range(rounds):
-        for steps, runs in zip(parts, spent, strict=True):
-            done = runner.run(Contender(STUDY, STUDY, steps, rows=STUDY_ROWS), ALGORITHMS[0])
-            if isinstance(done, str):
-                return done
-            runs.append(done)
-    found: Row = {"parts": parts, "seeds": spent[0][0]["seeds"], "about": spent[0][0]["more"]}
-    total = STUDY_RUNS * STUDY_STEPS
-    for key in ("wall_s", "cpu_s"):
-        short, long = (statistics.median(run[key] for run in runs) for runs in spent)
-        of_step = (long - short) / (found["seeds"] * (parts[1] - parts[0]))
-        found[key] = [short, long]
-        found[f"study_{key}"] = short + of_step * (total - found["seeds"] * parts[0])
-    found["study_min"] = found["study_wall_s"] / 60
-    found["study_undisturbed_min"] = found["study_cpu_s"] / 2 / 60
-    return found
+        done = runner.run(Contender(STUDY, STUDY, steps, rows=STUDY_ROWS), ALGORITHMS[0])
+        if isinstance(done, str):
+            return done
+        runs.append(done)
+    times = STUDY_RUNS * STUDY_STEPS / (runs[0]["seeds"] * steps) / 60
+    start_min = statistics.median(run["more"]["start_s"] for run in runs) / 60
+    wall_min = [start_min + times * run["wall_s"] for run in runs]
+    return {
+        "steps": steps,
+        "seeds": runs[0]["seeds"],
+        "about": runs[0]["more"],
+        "runs": [{"wall_s": run["wall_s"], "cpu_s": run["cpu_s"]} for run in runs],
+        "study_min": statistics.median(wall_min),
+        "study_least_min": min(wall_min),
+        "study_undisturbed_min": start_min + times * min(run["cpu_s"] for run in runs) / 2,
+    }
 
 
 def peak_of_core(runner: Runner, rounds: int) -> float | None:
@@ -325,17 +327,19 @@ def in_words(scaled: Row | str, study: Row | str, peak_flops: float | None) -> l
         lines.append(
             f"The published study ({STUDY_RUNS} runs of {STUDY_STEPS:,} steps, native engine with "
             f"{study['about']['instruction_set']}, evaluation and checkpoints included) would take "
-            f"{study['study_min']:.0f} min of wall time on two cores, and {study['study_undisturbed_min']:.0f} min "
-            f"(half its CPU time) if nothing else ran; extrapolated from {study['seeds']} runs of "
-            f"{study['parts'][0]:,} and of {study['parts'][1]:,} steps, buffers holding {STUDY_ROWS:,} rows more. "
+            f"{study['study_min']:.0f} min of wall time on two cores (median; least: "
+            f"{study['study_least_min']:.0f}), and "
+            f"{study['study_undisturbed_min']:.0f} min (half its least CPU time) if nothing else ran; extrapolated "
+            f"from {study['seeds']} runs of {study['steps']:,} steps, made {len(study['runs'])} times, buffers holding "
+            f"{STUDY_ROWS:,} rows more. "
             f"Wanted: under {STUDY_MOST_MIN} min."
         )
     return lines
 
 
 def missed_study(scaled: Row | str, study: Row | str) -> list[str]:
-    """Return a sentence where the study takes too long, or could not be tried. Half the CPU time is judged: a busy
-    machine makes any wall time."""
+    """Return a sentence where the study takes too long, or could not be tried. Half the least CPU time is judged:
+    a busy machine makes any wall time."""
     complaints = [f"two threads: {scaled}"] if isinstance(scaled, str) else []
     if isinstance(study, str):
         complaints.append(f"the study: {study}")
@@ -350,9 +354,7 @@ def options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="shorter runs, and the ratios must be reached")
     parser.add_argument("--steps", type=int, help="gradient steps of the native engine on the clock")
     parser.add_argument("--peer-steps", type=int, help="gradient steps of everyone else on the clock")
-    parser.add_argument(
-        "--study-steps", type=int, help="steps of a run in the longer part of the study; 0 leaves it out"
-    )
+    parser.add_argument("--study-steps", type=int, help="steps of a run in the part of the study; 0 leaves it out")
     parser.add_argument("--algorithms", nargs="+", choices=ALGORITHMS, default=list(ALGORITHMS))
     parser.add_argument("--only", nargs="+", default=[""], help="contenders by the beginning of their names")
     parser.add_argument("--rounds", type=int, help="how often each contender runs, in turn with the others")
@@ -389,8 +391,7 @@ def main(arguments: list[str] | None = None) -> int:
     if isas and NATIVE in {one.name for one in field}:
         scaled = scale(runner, isas[-1], chosen.steps, chosen.rounds)
     if not isinstance(scaled, str) and chosen.study_steps:
-        parts = (max(1, chosen.study_steps // 5), chosen.study_steps)
-        study = extrapolate(runner, parts, 1 if chosen.quick else chosen.rounds)
+        study = extrapolate(runner, chosen.study_steps, chosen.rounds)
     about |= all_versions(rows)
     print("\n".join(f"{name}: {value}" for name, value in about.items()))
     print(

@@ -1,5 +1,6 @@
 // Actor and critics of one seed: agents/networks.py, rows of a batch at a time.
 #pragma once
+#include "layers.hpp"
 #include "layout.hpp"
 #include "norms.hpp"
 

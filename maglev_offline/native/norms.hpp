@@ -1,6 +1,6 @@
 // Batch norm (over the rows of a batch) and layer norm (over the features of a row), forward and back.
 #pragma once
-#include "layers.hpp"
+#include "sums.hpp"
 
 namespace maglev::MAGLEV_ISA {
 

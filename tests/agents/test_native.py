@@ -51,6 +51,7 @@ VARIANTS = {
         "batch_size": 37,
     },
     "wider layers": {"hidden": (72, 100), "batch_size": 41},
+    "more rows than are taken at once": {"batch_norm_actor": True, "hidden": (24, 40), "batch_size": 105},
     "cloning": {"cloning_weight": 2.0, "mixing_share": 0.3},
 }
 

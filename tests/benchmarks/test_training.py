@@ -11,6 +11,7 @@ import pytest
 import torch
 
 import maglev_offline.env  # noqa: F401
+from maglev_offline.agents.native_library import isas
 from maglev_offline.agents.settings import TrainingSettings
 
 pytestmark = pytest.mark.nightly
@@ -136,28 +137,40 @@ def test_a_ratio_without_its_peer_is_not_reached_and_a_failure_of_ours_is_named(
 
 
 class Pretend:
-    """Answers as a runner whose study takes a fixed start and so much for a step."""
+    """Answers as a runner whose study takes 6 s to start and 2 cores and 1e-4 s for a step; now and then much more."""
+
+    def __init__(self, *disturbed):
+        self.disturbed = iter(disturbed)
 
     def run(self, one, algorithm):
-        wall = 10 + 8 * one.steps * 1e-4
-        return {
-            "wall_s": wall,
-            "cpu_s": 1.5 * wall,
-            "seeds": 8,
-            "steps": one.steps,
-            "more": {"instruction_set": "avx2"},
-        }
+        wall = 8 * one.steps * 1e-4 * next(self.disturbed)
+        about = {"instruction_set": "avx2", "start_s": 6.0}
+        return {"wall_s": wall, "cpu_s": 2 * wall, "seeds": 8, "steps": one.steps, "more": about}
 
 
 def test_the_study_is_extrapolated_from_what_a_step_takes_and_starting_up_is_counted_once():
-    study = training.extrapolate(Pretend(), (1000, 5000), 1)
-    assert study["study_wall_s"] == pytest.approx(10 + 1e-4 * 200 * 500_000)
-    assert study["study_undisturbed_min"] == pytest.approx(0.75 * study["study_min"])
-    assert "would take 167 min" in "\n".join(training.in_words("left out", study, None))
+    study = training.extrapolate(Pretend(1.5, 1, 2), 5000, 3)
+    least_min = (6 + 1e-4 * 200 * 500_000) / 60
+    assert study["study_least_min"] == study["study_undisturbed_min"] == pytest.approx(least_min)
+    assert study["study_min"] == pytest.approx((6 + 1.5e-4 * 200 * 500_000) / 60)
+    assert "would take 250 min of wall time on two cores (median; least: 167)" in "\n".join(
+        training.in_words("left out", study, None)
+    )
     assert training.missed_study("not there", study) == [
         "two threads: not there",
-        "the study takes 125 min, wanted: under 45",
+        "the study takes 167 min, wanted: under 45",
     ]
+
+
+@pytest.mark.skipif(not any(isa.runs_here for isa in isas()), reason="the native engine is not there")
+def test_the_study_is_timed_in_workers_that_have_started():
+    runner = training.Runner(sys.executable)
+    done = runner.run(training.Contender(training.STUDY, training.STUDY, 3000, rows=200), "ddpg")
+    assert not isinstance(done, str), done
+    assert (done["seeds"], done["steps"], done["updates"]) == (8, 3000, 3000)
+    assert 0 < done["cpu_s"] < 60
+    assert done["wall_s"] > 0
+    assert done["more"]["start_s"] > 0
 
 
 def test_a_peer_that_is_not_installed_or_does_other_work_is_named(tmp_path):
