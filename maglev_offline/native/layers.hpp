@@ -37,8 +37,9 @@ MAGLEV_INLINE void in_panels(int width, const Work& work) {
 
 enum class After { nothing, relu, normalised_relu, masked };
 
-// Which inputs of a tile are read: all, or those that one of its rows has. What a relu does not let through is 0, half of
-// all or more, and a product with 0 changes no sum. Of more than two rows there is seldom an input that none has.
+// Which inputs of a tile are read: all, or those that one of its rows has. About half of what comes out of a relu is 0,
+// and a product of 0 and a number changes no sum; weights that are no numbers are found out by other means
+// (agents/divergence.py). Of more rows than two there is seldom an input that none has.
 enum class Reads { all, active };
 template <Reads reads, int N> constexpr bool skips = reads == Reads::active && tile_rows<N> == 2;
 
@@ -74,8 +75,8 @@ struct Frozen {
 
 template <bool skipping, After after, int R, int N>
 MAGLEV_INLINE void dense_tile(
-    const float* in, int in_stride, int inputs, Bits active, const float* w, int w_stride, const float* bias, float* out,
-    int out_stride, const Frozen& norm) {
+    const float* in, int in_stride, int inputs, Bits active, const float* w, int w_stride, const float* bias,
+    float* out, int out_stride, const Frozen& norm) {
     V sum[R][N];
     MAGLEV_UNROLL
     for (int n = 0; n < N; ++n) {

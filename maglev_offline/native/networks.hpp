@@ -131,7 +131,8 @@ static void act_forward(
         const Frozen one = {p + net.mean_1, policy.scale_1, p + net.shift_1};
         const Frozen two = {p + net.mean_2, policy.scale_2, p + net.shift_2};
         dense<Reads::all, After::normalised_relu>(rows, seen, 4, 3, p + net.w1, w.s1, nullptr, to.h1, w.l1, one);
-        dense<Reads::active, After::normalised_relu>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, nullptr, to.h2, w.s2, two);
+        dense<Reads::active, After::normalised_relu>(
+            rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, nullptr, to.h2, w.s2, two);
     } else {
         dense<Reads::all, After::relu>(rows, seen, 4, 3, p + net.w1, w.s1, p + net.b1, to.h1, w.l1);
         dense<Reads::active, After::relu>(rows, to.h1, w.l1, w.h1, p + net.w2, w.s2, p + net.b2, to.h2, w.s2);

@@ -148,9 +148,11 @@ static void layer_norm_forward(
     int out_stride, float* rate) {
     int r = 0;
     for (; r + 4 <= rows; r += 4)
-        layer_norm_rows<4>(raw + r * width, width, ones, share, gain, shift, out + r * out_stride, out_stride, rate + r);
+        layer_norm_rows<4>(
+            raw + r * width, width, ones, share, gain, shift, out + r * out_stride, out_stride, rate + r);
     for (; r < rows; ++r)
-        layer_norm_rows<1>(raw + r * width, width, ones, share, gain, shift, out + r * out_stride, out_stride, rate + r);
+        layer_norm_rows<1>(
+            raw + r * width, width, ones, share, gain, shift, out + r * out_stride, out_stride, rate + r);
 }
 
 // R rows of the slopes of `layer_norm_backward`.
