@@ -18,7 +18,7 @@ from maglev_offline.recipe import load_recipe
 
 PIPELINES = Path(__file__).parents[1] / "pipelines"
 
-ONE_WORKSPACE = ("cli", "report")
+ONE_WORKSPACE = ("cli", "faults", "report")
 """Folders whose tests share a workspace that takes a process longer to make than most of them take."""
 
 

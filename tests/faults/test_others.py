@@ -15,6 +15,7 @@ def test_the_second_of_two_commands_says_who_is_at_work(harness, nursery, road, 
     assert harness.digest(folder) == road.undisturbed("prefill")
 
 
+@pytest.mark.nightly
 def test_a_log_that_goes_away_while_it_is_read_is_refused(harness, nursery, road, tmp_path):
     folder = road.copy("ingest", tmp_path / "w")
     (one, *_) = sorted((folder / "logs").glob("*.mcap"))

@@ -218,6 +218,7 @@ def test_step_responses_of_one_kind(responses):
     assert len([ax for ax in figure.axes if ax.get_visible()]) == 3
 
 
+@pytest.mark.nightly
 def test_drawings_are_the_same_each_time(locus, ranges, robustness, responses):
     def draw():
         return [
