@@ -224,8 +224,8 @@ def extrapolate(runner: Runner, steps: int, rounds: int) -> Row | str:
     """Return minutes for the published study from a part of it, runs of so many steps, made several times.
 
     Wall time is that of two processes on two cores, median and least. Least CPU time, halved, is what they take where
-    nothing else is on the machine: another guest of the host, on the other half of a core, makes a CPU second worth
-    less and never more.
+    nothing else is on the machine or its host: what shares a core or its caches makes a CPU second worth less, never
+    more.
     """
     runs = []
     for _ in range(rounds):

@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
 
 STEPS_AT_ONCE = 500
-"""Steps of one call of the kernel, whose random numbers are drawn before it: a call costs as much as three steps, and
-the first batch after it has not been asked for ahead."""
+"""Steps of one call of the kernel, whose random numbers are drawn before it: a call costs as much as several steps,
+and the first batch after it has not been asked for ahead."""
 
 HUGE_PAGE_BYTES = 1 << 21
 """Batches are taken from all over a long replay: on whole huge pages the processor finds them faster."""

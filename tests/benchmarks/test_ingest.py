@@ -1,12 +1,14 @@
 """The benchmark of ingestion: its readers read the same numbers, and what is missed is named."""
 
-import importlib
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import ingest
+import ingest_logs
+import ingest_peers
 import pytest
 from mcap.reader import make_reader
 
@@ -14,17 +16,6 @@ pytestmark = pytest.mark.nightly
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 MESSAGES = 900
-
-
-def _load(name):
-    sys.path.insert(0, str(FOLDER))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(FOLDER))
-
-
-ingest, ingest_logs, ingest_peers = (_load(name) for name in ("ingest", "ingest_logs", "ingest_peers"))
 
 
 @pytest.fixture(scope="module", params=ingest_logs.ENCODINGS)

@@ -1,27 +1,18 @@
 """The benchmark of a day: its logs are what the mcap package would write, and it says what it lost."""
 
-import importlib
 import subprocess
 import sys
 from pathlib import Path
 
+import ingest_logs
+import load
+import load_logs
 import pytest
 from mcap.reader import make_reader
 
 pytestmark = pytest.mark.nightly
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
-
-
-def _load(name):
-    sys.path.insert(0, str(FOLDER))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(FOLDER))
-
-
-ingest_logs, load, load_logs = (_load(name) for name in ("ingest_logs", "load", "load_logs"))
 
 
 def messages_of(path):

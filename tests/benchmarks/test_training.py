@@ -1,6 +1,5 @@
 """The benchmark of training: everyone does the work that is compared, and what is missed is named."""
 
-import importlib
 import json
 import subprocess
 import sys
@@ -9,6 +8,9 @@ from pathlib import Path
 import gymnasium
 import pytest
 import torch
+import training
+import training_loop
+import training_peers as peers
 
 import maglev_offline.env  # noqa: F401
 from maglev_offline.agents.native_library import isas
@@ -19,14 +21,6 @@ pytestmark = pytest.mark.nightly
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
 
-def _load(name):
-    sys.path.insert(0, str(FOLDER))
-    try:
-        return importlib.import_module(name)
-    finally:
-        sys.path.remove(str(FOLDER))
-
-
 @pytest.fixture(autouse=True)
 def one_thread():
     """As the benchmark has it: on a busy machine threads wait for each other."""
@@ -34,9 +28,6 @@ def one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
-
-
-training, peers, training_loop = (_load(name) for name in ("training", "training_peers", "training_loop"))
 
 
 def row(contender, rate=None, algorithm="td3", name=None, **more):
